@@ -1,0 +1,143 @@
+"""A whole robot: modules attached to one another as a body tree says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from dm_control import composer, mjcf
+from dm_control.composer.observation import observable
+
+from locomotion.robots.body import Module, parse_body, placed_boxes
+from locomotion.robots.modules import ActiveHinge, Brick, Core
+
+_RIGID = {"core": Core, "brick": Brick}
+
+
+class ModularRobot(composer.Entity):
+    """A robot assembled from a body tree.
+
+    Elements of the compiled model are named by their module's path: the joint of the hinge
+    ``core/left`` of the robot ``gecko`` is ``gecko/core/left/hinge`` and its servo
+    ``gecko/core/left/servo``. Bodies that do not move against their parent are fused by the
+    compiler; the core ends up in the body that carries the free joint, ``gecko/``.
+
+    Args:
+        body: a body tree as :func:`~locomotion.robots.parse_body` reads it, or what it returns.
+        name: name of the robot's MJCF model.
+        friction: coefficient of sliding friction of all modules.
+        stiffness: of the hinges' servos (N·m/rad).
+        damping: of the hinges' servos (N·m·s/rad).
+        armature: inertia of the motors' rotors as seen by the joints (kg·m²).
+
+    Raises:
+        BodyError: if the body cannot exist.
+    """
+
+    def _build(
+        self,
+        body: Module | Mapping[str, Any],
+        name: str = "robot",
+        friction: float = 1.0,
+        stiffness: float = 1.0,
+        damping: float = 0.05,
+        armature: float = 0.002,
+    ) -> None:
+        self._body = body if isinstance(body, Module) else parse_body(body)
+        self._friction = friction
+        self._servo = {"stiffness": stiffness, "damping": damping, "armature": armature}
+        self._hinges: dict[str, ActiveHinge] = {}
+        self._mjcf_root = mjcf.RootElement(model=name)
+        self._mjcf_root.compiler.fusestatic = True
+        self._core = Core(name="core", friction=friction)
+        self.attach(self._core, self._mjcf_root.worldbody.add("site", name="origin", group=4))
+        self._attach_children(self._core, self._body)
+
+    def _attach_children(self, parent: composer.Entity, module: Module) -> None:
+        for face, child in module.children.items():
+            if child.kind == "hinge":
+                entity = ActiveHinge(name=face, friction=self._friction, **self._servo)
+                self._hinges[child.path] = entity
+            else:
+                entity = _RIGID[child.kind](name=face, friction=self._friction)
+            frame = parent.attach(entity, parent.attachment_sites[face])
+            half_angle = child.quarter_turns * math.pi / 4
+            # The frame takes the site's pose; the child is turned about its own x axis on top.
+            w, z = parent.attachment_sites[face].quat[0], parent.attachment_sites[face].quat[3]
+            cos, sin = math.cos(half_angle), math.sin(half_angle)
+            frame.quat = (w * cos, w * sin, z * sin, z * cos)
+            self._attach_children(entity, child)
+
+    def _build_observables(self) -> ModularRobotObservables:
+        return ModularRobotObservables(self)
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        return self._mjcf_root
+
+    @property
+    def body(self) -> Module:
+        """The tree that the robot was built from."""
+        return self._body
+
+    @property
+    def core(self) -> Core:
+        """The module at the root of the tree."""
+        return self._core
+
+    @property
+    def hinges(self) -> dict[str, ActiveHinge]:
+        """Hinges by their path, in the order of actions and of hinge observations."""
+        return self._hinges
+
+    @composer.cached_property
+    def hinge_joints(self) -> tuple[mjcf.Element, ...]:
+        """The hinges' joints, in the order of :attr:`hinges`."""
+        return tuple(hinge.joint for hinge in self._hinges.values())
+
+    @composer.cached_property
+    def actuators(self) -> tuple[mjcf.Element, ...]:
+        """The hinges' servos, in the order of :attr:`hinges`."""
+        return tuple(hinge.actuator for hinge in self._hinges.values())
+
+    @composer.cached_property
+    def covered_geoms(self) -> frozenset[mjcf.Element]:
+        """End plates behind a brick, which is wider and higher.
+
+        They reach the ground only where the brick has already sunk into it.
+        """
+        return frozenset(
+            self._hinges[module.path].end_plate
+            for module in self._body.walk()
+            if module.kind == "hinge" and module.children.get("attachment", module).kind == "brick"
+        )
+
+    @composer.cached_property
+    def standing_height(self) -> float:
+        """Height of the core's centre (m) when the robot stands with all hinges at 0."""
+        return max(lengths[2] / 2 - centre[2] for _, _, centre, lengths in placed_boxes(self._body))
+
+
+class ModularRobotObservables(composer.Observables):
+    """What a robot senses, for ``composer.Environment``."""
+
+    @composer.observable
+    def hinge_position(self) -> observable.MJCFFeature:
+        """Angles of all hinges (rad)."""
+        return observable.MJCFFeature("qpos", self._entity.hinge_joints)
+
+    @composer.observable
+    def hinge_velocity(self) -> observable.MJCFFeature:
+        """Speeds of all hinges (rad/s)."""
+        return observable.MJCFFeature("qvel", self._entity.hinge_joints)
+
+    @composer.observable
+    def core_position(self) -> observable.MJCFFeature:
+        """Position of the core in the world (m)."""
+        return observable.MJCFFeature("xpos", self._entity.root_body)
+
+    @composer.observable
+    def core_orientation(self) -> observable.MJCFFeature:
+        """Orientation of the core in the world, a unit quaternion w x y z."""
+        return observable.MJCFFeature("xquat", self._entity.root_body)

@@ -1,0 +1,40 @@
+"""The configuration of a run: its types, its files, and what is said about mistakes in it.
+
+Nothing here imports anything heavy, so that a mistake is answered before torch is loaded.
+"""
+
+from locomotion.config.files import conf_dir, load, load_file, typed
+from locomotion.config.messages import explain_omegaconf, explain_yaml
+from locomotion.config.schema import (
+    Config,
+    ConfigError,
+    EnvConfig,
+    LoggerBackend,
+    LoggerConfig,
+    ObsConfig,
+    Orientation,
+    PhysicsConfig,
+    PPOConfig,
+    RobotConfig,
+    substeps,
+)
+
+__all__ = [
+    "Config",
+    "ConfigError",
+    "EnvConfig",
+    "LoggerBackend",
+    "LoggerConfig",
+    "ObsConfig",
+    "Orientation",
+    "PPOConfig",
+    "PhysicsConfig",
+    "RobotConfig",
+    "conf_dir",
+    "explain_omegaconf",
+    "explain_yaml",
+    "load",
+    "load_file",
+    "substeps",
+    "typed",
+]

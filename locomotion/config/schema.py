@@ -1,0 +1,234 @@
+"""What a run is made of: one typed dataclass for each part of ``conf/``.
+
+Types, ranges and meanings stand here, values in ``conf/``. The dataclasses check themselves, so a
+value out of range is refused in the same words on the command line and from Python.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import importlib.util
+import math
+from typing import Any
+
+from omegaconf import MISSING
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be used; the message is one line that names the key."""
+
+
+def _key(
+    meaning: str,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    most: float | None = None,
+) -> Any:
+    """A required key: what it means, and the range of its value (``None`` is not checked)."""
+    limits = {"above": above, "least": least, "most": most}
+    return dataclasses.field(default=MISSING, metadata={"meaning": meaning, **limits})
+
+
+class _Checked:
+    """Checks every field against the range in its metadata when an instance is made."""
+
+    #: Where the keys stand in the configuration, for messages.
+    PREFIX = ""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            self._check_range(field, getattr(self, field.name))
+
+    def _check_range(self, field: dataclasses.Field, value: Any) -> None:
+        if value is None or isinstance(value, bool) or not isinstance(value, (int, float)):
+            return
+        limits = field.metadata
+        wanted = [
+            f"{words} {limits[name]:g}"
+            for name, words in (("above", "above"), ("least", "at least"), ("most", "at most"))
+            if limits.get(name) is not None
+        ]
+        inside = (
+            math.isfinite(value)
+            and (limits.get("above") is None or value > limits["above"])
+            and (limits.get("least") is None or value >= limits["least"])
+            and (limits.get("most") is None or value <= limits["most"])
+        )
+        if not inside:
+            self._refuse(field.name, value, " and ".join(wanted) or "finite")
+
+    def _refuse(self, name: str, value: Any, wanted: str) -> None:
+        raise ConfigError(f"{self.PREFIX}{name}={value} must be {wanted}")
+
+
+class Orientation(enum.Enum):
+    """How the core's orientation is shown to the policy."""
+
+    quaternion = "quaternion"
+    rotation_6d = "rotation_6d"
+    gravity = "gravity"
+    yaw = "yaw"
+
+
+class LoggerBackend(enum.Enum):
+    """Where metrics go beside ``metrics.csv``, which is always written."""
+
+    csv = "csv"
+    tensorboard = "tensorboard"
+
+
+@dataclasses.dataclass
+class RobotConfig(_Checked):
+    """A robot: its name and the tree of its modules (see :mod:`locomotion.robots.body`)."""
+
+    PREFIX = "robot."
+
+    name: str = _key("name of the robot, in run folders and in the compiled model")
+    body: dict[str, Any] = _key("tree of modules: module, rotation (degrees), children by face")
+
+    def __post_init__(self) -> None:
+        from locomotion.robots.body import BodyError, parse_body
+
+        if not self.name or "/" in self.name:
+            self._refuse("name", repr(self.name), "a non-empty name without '/'")
+        try:
+            parse_body(self.body)
+        except BodyError as error:
+            raise ConfigError(f"robot {self.name}: {error}") from error
+
+
+@dataclasses.dataclass
+class ObsConfig(_Checked):
+    """What the policy observes."""
+
+    PREFIX = "obs."
+
+    hinge_steps: int = _key(
+        "how many of the last hinge positions, newest first", least=1, most=1000
+    )
+    orientation: Orientation | None = _key(
+        "the core's orientation as quaternion, rotation_6d, gravity or yaw; null leaves it out"
+    )
+
+
+@dataclasses.dataclass
+class EnvConfig(_Checked):
+    """The task."""
+
+    PREFIX = "env."
+
+    num_envs: int = _key("robots that are stepped together", least=1, most=1_000_000)
+    control_frequency: float = _key("actions a second (Hz)", above=0, most=1000)
+    settle_time: float = _key(
+        "at the start, how long (s) a robot settles under random targets", least=0, most=3600
+    )
+    time_limit: float | None = _key(
+        "length of an episode (s), then a reset; null: robots walk on for ever", above=0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.step_limit == 0:
+            self._refuse(
+                "time_limit",
+                self.time_limit,
+                f"at least {1 / self.control_frequency:g}, one action",
+            )
+
+    @property
+    def step_limit(self) -> int | None:
+        """Control steps in an episode; ``None`` if it never ends."""
+        return None if self.time_limit is None else round(self.time_limit * self.control_frequency)
+
+
+@dataclasses.dataclass
+class PhysicsConfig(_Checked):
+    """How bodies move and what steps them."""
+
+    PREFIX = "physics."
+
+    timestep: float = _key("length of a physics step (s)", above=0, most=1)
+    threads: int | None = _key(
+        "threads that step robots; null: one for each core", least=1, most=4096
+    )
+    stiffness: float = _key("of the hinges' servos (N·m/rad)", above=0, most=1000)
+    damping: float = _key("of the hinges' servos (N·m·s/rad)", least=0, most=1000)
+    armature: float = _key("rotor inertia at a hinge (kg·m²)", least=0, most=10)
+    friction: float = _key("sliding friction of ground and modules", least=0, most=100)
+
+
+@dataclasses.dataclass
+class PPOConfig(_Checked):
+    """Proximal policy optimisation (Schulman et al. 2017)."""
+
+    PREFIX = "ppo."
+
+    iterations: int = _key("rounds of collecting and learning", least=1)
+    steps: int = _key("control steps each robot takes in an iteration", least=1)
+    epochs: int = _key("passes over the data of an iteration", least=1)
+    minibatch_size: int = _key("frames in a gradient step", least=1)
+    actor_lr: float = _key("Adam's learning rate for the actor at the start", above=0, most=10)
+    critic_lr: float = _key("Adam's learning rate for the critic at the start", above=0, most=10)
+    gamma: float = _key("discount per control step", least=0, most=1)
+    gae_lambda: float = _key("lambda of generalised advantage estimation", least=0, most=1)
+    clip_epsilon: float = _key("how far the probability ratio may leave 1", above=0, most=0.99)
+    entropy_coeff: float = _key(
+        "weight of the policy's entropy, averaged over the hinges", least=0, most=100
+    )
+
+
+@dataclasses.dataclass
+class LoggerConfig(_Checked):
+    """Where metrics are shown."""
+
+    PREFIX = "logger."
+
+    backend: LoggerBackend = _key("csv: metrics.csv alone; tensorboard: event files too")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.backend is LoggerBackend.tensorboard and not importlib.util.find_spec(
+            "tensorboard"
+        ):
+            raise ConfigError("logger=tensorboard needs a package: pip install tensorboard")
+
+
+@dataclasses.dataclass
+class Config(_Checked):
+    """A whole run."""
+
+    robot: RobotConfig = MISSING
+    obs: ObsConfig = MISSING
+    env: EnvConfig = MISSING
+    physics: PhysicsConfig = MISSING
+    ppo: PPOConfig = MISSING
+    logger: LoggerConfig = MISSING
+    seed: int = _key("of everything random", least=0, most=2**31 - 1)
+    checkpoint_interval: int = _key("iterations between checkpoints", least=1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        substeps(self.env.control_frequency, self.physics.timestep)
+        frames = self.env.num_envs * self.ppo.steps
+        if self.ppo.minibatch_size > frames:
+            raise ConfigError(
+                f"ppo.minibatch_size={self.ppo.minibatch_size} must be at most the {frames} frames"
+                f" of an iteration (env.num_envs={self.env.num_envs} x ppo.steps={self.ppo.steps})"
+            )
+
+
+def substeps(control_frequency: float, timestep: float) -> int:
+    """Physics steps in a control step.
+
+    Raises:
+        ConfigError: if the control period is no multiple of the timestep.
+    """
+    exact = 1 / (control_frequency * timestep)
+    if round(exact) < 1 or abs(exact - round(exact)) > 1e-6 * exact:
+        raise ConfigError(
+            f"physics.timestep={timestep} must divide the control period of"
+            f" {1 / control_frequency:g} s (env.control_frequency={control_frequency})"
+        )
+    return round(exact)

@@ -1,0 +1,236 @@
+"""The task as TorchRL knows it, with all robots stepped together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from locomotion.config import (
+    ConfigError,
+    EnvConfig,
+    PhysicsConfig,
+    RobotConfig,
+    load,
+    load_file,
+    substeps,
+    typed,
+)
+from locomotion.envs.task import TARGET_LIMIT, WalkAway
+from locomotion.physics import Physics, ThreadedPhysics
+from locomotion.robots import ModularRobot
+
+#: What the environment knows about its robots, by key; each reading is a tensor of its own.
+OBSERVATIONS: dict[str, Callable[[Physics], torch.Tensor]] = {
+    "hinge_position": lambda physics: physics.qpos[:, 7:].to(torch.float32),
+    "hinge_velocity": lambda physics: physics.qvel[:, 6:].to(torch.float32),
+    "core_orientation": lambda physics: physics.qpos[:, 3:7].to(torch.float32),
+    "core_position": lambda physics: physics.qpos[:, :3].clone(),
+}
+
+
+class LocomotionEnv(EnvBase):
+    """Many copies of a modular robot that are paid for walking away from where they started.
+
+    The reward is ``d(t) - d(t - 1)`` with ``d`` the horizontal distance (m) of the core from its
+    place when the episode began. Episodes do not end unless ``time_limit`` is given. Each begins
+    with hinge targets drawn from U(-1, 1) rad and a while to settle.
+
+    The action is the hinges' targets (rad), clipped to [-1, 1] inside, in the order of
+    :attr:`hinge_names`. Beside reward and done flags the environment writes
+
+    ==================== ================== ======= =============================================
+    key                  shape              dtype   meaning
+    ==================== ================== ======= =============================================
+    ``hinge_position``   ``(n, hinges)``    float32 angles (rad)
+    ``hinge_velocity``   ``(n, hinges)``    float32 angular velocities (rad/s)
+    ``core_orientation`` ``(n, 4)``         float32 unit quaternion w x y z, core to world
+    ``core_position``    ``(n, 3)``         float64 place in the world (m); robots walk kilometres
+    ==================== ================== ======= =============================================
+
+    Args:
+        robot: a name from ``conf/robot``, the path of a YAML file, a :class:`RobotConfig`, or a
+            mapping with ``name`` and ``body``.
+        num_envs: number of robots, the environment's batch size.
+        physics: how they are stepped: a :class:`PhysicsConfig`, or keys to change in
+            ``conf/physics/threaded.yaml``.
+        control_frequency: actions a second (Hz).
+        settle_time: how long robots settle before an episode (s).
+        time_limit: length of an episode (s), truncated then; ``None`` for a continuing task.
+        observations: which of the four entries to write; what is left out costs nothing.
+        seed: of the random targets at the start; ``None`` draws one from torch's generator.
+
+    Raises:
+        ConfigError: for an unknown robot, a body that cannot exist, or a value out of range.
+    """
+
+    batch_locked = True
+
+    def __init__(
+        self,
+        robot: str | Path | RobotConfig | Mapping[str, Any] = "gecko",
+        num_envs: int = 64,
+        *,
+        physics: PhysicsConfig | Mapping[str, Any] | None = None,
+        control_frequency: float = 4.0,
+        settle_time: float = 0.5,
+        time_limit: float | None = None,
+        observations: Sequence[str] = tuple(OBSERVATIONS),
+        seed: int | None = None,
+    ) -> None:
+        task = EnvConfig(num_envs, control_frequency, settle_time, time_limit)
+        super().__init__(batch_size=[num_envs])
+        robot = _robot_config(robot)
+        if not isinstance(physics, PhysicsConfig):
+            physics = load("physics/threaded", physics)
+        self._substeps = substeps(control_frequency, physics.timestep)
+        self._settle_steps = round(settle_time / physics.timestep)
+        self._step_limit = task.step_limit
+        self._task = WalkAway(
+            ModularRobot(
+                robot.body,
+                name=robot.name,
+                friction=physics.friction,
+                stiffness=physics.stiffness,
+                damping=physics.damping,
+                armature=physics.armature,
+            ),
+            control_timestep=1 / control_frequency,
+            physics_timestep=physics.timestep,
+            settle_time=settle_time,
+            friction=physics.friction,
+        )
+        self._physics = ThreadedPhysics(_compile(self._task), num_envs, physics.threads)
+        self._start = torch.zeros(num_envs, 2, dtype=torch.float64)
+        self._distance = torch.zeros(num_envs, dtype=torch.float64)
+        self._steps = torch.zeros(num_envs, 1, dtype=torch.int64)
+        self._observations = _chosen(observations)
+        self._make_specs(num_envs, self.model.nu)
+        self.set_seed(_random_seed() if seed is None else seed)
+
+    def _make_specs(self, num_envs: int, num_hinges: int) -> None:
+        batch = (num_envs,)
+        self.action_spec = Bounded(
+            -TARGET_LIMIT, TARGET_LIMIT, shape=(num_envs, num_hinges), dtype=torch.float32
+        )
+        self.observation_spec = Composite(
+            {
+                key: Unbounded(value.shape, dtype=value.dtype)
+                for key, value in self._observe().items()
+            },
+            shape=batch,
+        )
+        self.reward_spec = Unbounded((num_envs, 1))
+        flag = Binary(1, shape=(num_envs, 1), dtype=torch.bool)
+        self.done_spec = Composite(
+            done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=batch
+        )
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model that all robots share."""
+        return self._physics.model
+
+    @property
+    def task(self) -> WalkAway:
+        """The dm-control task that the model was compiled from, for ``composer.Environment``."""
+        return self._task
+
+    @property
+    def hinge_names(self) -> tuple[str, ...]:
+        """The hinges' paths in the body, in the order of actions and observations."""
+        return tuple(self._task.robot.hinges)
+
+    def _set_seed(self, seed: int | None) -> None:
+        self._generator = torch.Generator().manual_seed(_random_seed() if seed is None else seed)
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDict:
+        where = None if tensordict is None else tensordict.get("_reset", None)
+        # Targets are drawn for all robots, so that a partial reset uses up as much randomness.
+        targets = torch.empty(self.action_spec.shape, dtype=torch.float64)
+        targets.uniform_(-TARGET_LIMIT, TARGET_LIMIT, generator=self._generator)
+        if where is not None:
+            where = where.reshape(self.num_envs)
+        self._physics.reset(where)
+        self._physics.step(targets, self._settle_steps, where)
+        rows = slice(None) if where is None else where
+        self._start[rows] = self._physics.qpos[rows, :2]
+        self._distance[rows] = 0.0
+        self._steps[rows] = 0
+        flags = dict(zip(("done", "terminated", "truncated"), self._flags()))
+        return TensorDict({**self._observe(), **flags}, batch_size=self.batch_size)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDict:
+        self._physics.step(tensordict.get("action"), self._substeps)
+        distance = torch.linalg.vector_norm(self._physics.qpos[:, :2] - self._start, dim=-1)
+        reward = (distance - self._distance).to(torch.float32).unsqueeze(-1)
+        self._distance = distance
+        done, terminated, truncated = self._flags()
+        if self._step_limit is not None:
+            self._steps += 1
+            torch.ge(self._steps, self._step_limit, out=truncated)
+            done.copy_(truncated)
+        return TensorDict(
+            {
+                **self._observe(),
+                "reward": reward,
+                "done": done,
+                "terminated": terminated,
+                "truncated": truncated,
+            },
+            batch_size=self.batch_size,
+        )
+
+    def _flags(self) -> tuple[torch.Tensor, ...]:
+        """Three flags that nobody has raised, bool of shape ``(num_envs, 1)``."""
+        return torch.zeros(3, self.num_envs, 1, dtype=torch.bool).unbind()
+
+    def _observe(self) -> dict[str, torch.Tensor]:
+        return {key: read(self._physics) for key, read in self._observations.items()}
+
+    @property
+    def num_envs(self) -> int:
+        """Number of robots."""
+        return self.batch_size[0]
+
+    def close(self, **kwargs: Any) -> None:
+        if not self.is_closed:
+            self._physics.close()
+        super().close(**kwargs)
+
+
+def _compile(task: WalkAway) -> mujoco.MjModel:
+    spec = mujoco.MjSpec.from_string(task.root_entity.mjcf_model.to_xml_string())
+    # Attachment sites have done their work, and each would be placed anew in every physics step.
+    for site in list(spec.sites):
+        spec.delete(site)
+    return spec.compile()
+
+
+def _chosen(observations: Sequence[str]) -> dict[str, Callable[[Physics], torch.Tensor]]:
+    unknown = set(observations) - set(OBSERVATIONS)
+    if unknown:
+        raise ConfigError(
+            f"observation {min(unknown)!r} is unknown; choose from {', '.join(OBSERVATIONS)}"
+        )
+    return {key: OBSERVATIONS[key] for key in observations}
+
+
+def _robot_config(robot: str | Path | RobotConfig | Mapping[str, Any]) -> RobotConfig:
+    if isinstance(robot, RobotConfig):
+        return robot
+    if isinstance(robot, Mapping):
+        return typed(RobotConfig, dict(robot))
+    if isinstance(robot, Path) or robot.endswith((".yaml", ".yml")):
+        return load_file(Path(robot), RobotConfig)
+    return load(f"robot/{robot}")
+
+
+def _random_seed() -> int:
+    return int(torch.randint(2**31, ()))

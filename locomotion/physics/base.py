@@ -1,0 +1,60 @@
+"""The seam between the task and whatever steps the physics."""
+
+from __future__ import annotations
+
+import abc
+
+import mujoco
+import torch
+
+
+class Physics(abc.ABC):
+    """Many copies of one model, each with its own state.
+
+    Positions and velocities alone decide what comes next.
+
+    Attributes:
+        model: the compiled model that all copies share.
+        num_envs: how many copies there are.
+    """
+
+    model: mujoco.MjModel
+    num_envs: int
+
+    @property
+    @abc.abstractmethod
+    def qpos(self) -> torch.Tensor:
+        """Generalised positions, float64 of shape ``(num_envs, nq)``.
+
+        A view: it changes with the next :meth:`step` or :meth:`reset`.
+        """
+
+    @property
+    @abc.abstractmethod
+    def qvel(self) -> torch.Tensor:
+        """Generalised velocities, float64 of shape ``(num_envs, nv)``; a view like :attr:`qpos`."""
+
+    @abc.abstractmethod
+    def reset(self, where: torch.Tensor | None = None) -> None:
+        """Puts copies back to the model's initial state, at rest.
+
+        Args:
+            where: which copies, bool of shape ``(num_envs,)``; ``None`` means all.
+        """
+
+    @abc.abstractmethod
+    def step(
+        self, control: torch.Tensor, num_steps: int, where: torch.Tensor | None = None
+    ) -> None:
+        """Steps copies under a control that is held.
+
+        Args:
+            control: for every copy, shape ``(num_envs, nu)``.
+            num_steps: physics steps to take.
+            where: which copies, bool of shape ``(num_envs,)``; the others stay as they are.
+                ``None`` means all.
+        """
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Ends threads and frees what the copies hold."""

@@ -1,0 +1,93 @@
+"""MuJoCo's own threaded rollout."""
+
+from __future__ import annotations
+
+import os
+
+import mujoco
+import mujoco.rollout
+import numpy as np
+import torch
+
+from locomotion.physics.base import Physics
+
+
+class ThreadedPhysics(Physics):
+    """Steps all copies with ``mujoco.rollout``: one call a control step, shared out over threads.
+
+    Results do not depend on the number of threads.
+
+    Args:
+        model: compiled model; its state must be positions and velocities only.
+        num_envs: number of copies.
+        threads: threads that step them; ``None`` takes one for each core that the process may use.
+    """
+
+    def __init__(self, model: mujoco.MjModel, num_envs: int, threads: int | None = None) -> None:
+        size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        if size != 1 + model.nq + model.nv or model.nsensordata:
+            raise ValueError("the model has sensors, or state beyond time, positions, velocities")
+        threads = threads or _usable_cores()
+        self.model = model
+        self.num_envs = num_envs
+        self._data = [mujoco.MjData(model) for _ in range(threads)]
+        self._models = [model] * num_envs
+        self._rollout = mujoco.rollout.Rollout(nthread=threads if threads > 1 else 0)
+        self._state = np.zeros((num_envs, size))
+        self._qpos = torch.from_numpy(self._state)[:, 1 : 1 + model.nq]
+        self._qvel = torch.from_numpy(self._state)[:, 1 + model.nq :]
+        self._allocate(1)
+        self.reset()
+
+    def _allocate(self, num_steps: int) -> None:
+        """Makes the buffers that a rollout reads controls from and writes states to."""
+        rows = (self.num_envs, num_steps)
+        self._control = np.empty((*rows, self.model.nu))
+        self._states = np.empty((*rows, self._state.shape[1]))
+        self._no_sensors = np.empty((*rows, 0))
+
+    @property
+    def qpos(self) -> torch.Tensor:
+        return self._qpos
+
+    @property
+    def qvel(self) -> torch.Tensor:
+        return self._qvel
+
+    def reset(self, where: torch.Tensor | None = None) -> None:
+        rows = slice(None) if where is None else where.numpy()
+        self._state[rows] = 0.0
+        self._state[rows, 1 : 1 + self.model.nq] = self.model.qpos0
+
+    def step(
+        self, control: torch.Tensor, num_steps: int, where: torch.Tensor | None = None
+    ) -> None:
+        if self._states.shape[1] != num_steps:
+            self._allocate(num_steps)
+        rows = slice(None) if where is None else where.numpy()
+        start = self._state[rows]
+        count = len(start)
+        if count == 0:
+            return
+        self._control[:count] = control.numpy()[rows, None]
+        # Checks that are skipped here would cost as much as a robot's physics.
+        self._rollout.rollout(
+            self._models[:count],
+            self._data,
+            start,
+            self._control[:count],
+            skip_checks=True,
+            nstep=num_steps,
+            state=self._states[:count],
+            sensordata=self._no_sensors[:count],
+        )
+        self._state[rows] = self._states[:count, -1]
+
+    def close(self) -> None:
+        self._rollout.close()
+
+
+def _usable_cores() -> int:
+    if hasattr(os, "sched_getaffinity"):  # where there is one, it knows about pinned processes
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

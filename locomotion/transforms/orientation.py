@@ -1,0 +1,115 @@
+"""Which way is up, and which way is forward: an orientation, in the form that suits the policy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+from tensordict.utils import NestedKey
+from torchrl.data import TensorSpec, Unbounded
+from torchrl.envs import ObservationTransform
+
+
+class IncludeOrientation(ObservationTransform):
+    """Writes an orientation, read from a unit quaternion, as an entry of its own.
+
+    With ``R`` the rotation matrix from the body's frame to the world's, the entry is
+
+    - ``"quaternion"``: the quaternion itself, ``(*batch, 4)``;
+    - ``"rotation_6d"``: the first two columns of ``R``, one after the other, ``(*batch, 6)``;
+      unlike a quaternion it is continuous and unique (Zhou et al. 2019, "On the Continuity of
+      Rotation Representations in Neural Networks", section 4.2);
+    - ``"gravity"``: the direction of gravity in the body's frame, ``(*batch, 3)``, which tells tilt
+      but not heading;
+    - ``"yaw"``: the heading, the angle (rad, in [-pi, pi]) from the world's x axis to the body's x
+      axis projected on the ground, ``(*batch, 1)``.
+
+    Args:
+        representation: one of the four above.
+        in_keys: entries that hold a unit quaternion w x y z, alone or, with ``part``, among other
+            numbers.
+        out_keys: where the orientations go.
+        part: where in the last dimension the quaternion stands, such as ``slice(1, 5)`` for
+            Gymnasium's ``Ant``; ``None`` if the entry is the quaternion.
+
+    Raises:
+        ValueError: for an unknown representation, or a slice that does not hold four numbers.
+
+    Examples:
+        >>> from torchrl.envs import GymEnv, TransformedEnv
+        >>> env = TransformedEnv(GymEnv("Ant-v5"))
+        >>> env.append_transform(
+        ...     IncludeOrientation("gravity", in_keys=["observation"], part=slice(1, 5))
+        ... )
+    """
+
+    def __init__(
+        self,
+        representation: str = "quaternion",
+        in_keys: Sequence[NestedKey] = ("core_orientation",),
+        out_keys: Sequence[NestedKey] = ("orientation",),
+        part: slice | None = None,
+    ) -> None:
+        if representation not in _REPRESENTATIONS:
+            raise ValueError(
+                f"representation {representation!r} must be one of {', '.join(_REPRESENTATIONS)}"
+            )
+        super().__init__(in_keys=list(in_keys), out_keys=list(out_keys))
+        self.representation = representation
+        self.part = part
+        self._convert, self._size = _REPRESENTATIONS[representation]
+
+    def _apply_transform(self, obs: torch.Tensor) -> torch.Tensor:
+        quaternion = obs if self.part is None else obs[..., self.part]
+        return self._convert(quaternion)
+
+    def _reset(self, tensordict, tensordict_reset):
+        return self._call(tensordict_reset)
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        for in_key, out_key in zip(self.in_keys, self.out_keys):
+            spec = observation_spec[in_key]
+            length = len(range(spec.shape[-1])[self.part or slice(None)])
+            if length != 4:
+                raise ValueError(f"{in_key!r} holds {length} numbers, a quaternion takes 4")
+            observation_spec[out_key] = Unbounded(
+                (*spec.shape[:-1], self._size), dtype=spec.dtype, device=spec.device
+            )
+        return observation_spec
+
+
+def _quaternion(quaternion: torch.Tensor) -> torch.Tensor:
+    return quaternion.clone()
+
+
+def _rotation_6d(quaternion: torch.Tensor) -> torch.Tensor:
+    w, x, y, z = quaternion.unbind(-1)
+    columns = [
+        1 - 2 * (y * y + z * z),
+        2 * (x * y + w * z),
+        2 * (x * z - w * y),
+        2 * (x * y - w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z + w * x),
+    ]
+    return torch.stack(columns, -1)
+
+
+def _gravity(quaternion: torch.Tensor) -> torch.Tensor:
+    w, x, y, z = quaternion.unbind(-1)
+    up = [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
+    return -torch.stack(up, -1)
+
+
+def _yaw(quaternion: torch.Tensor) -> torch.Tensor:
+    w, x, y, z = quaternion.unbind(-1)
+    return torch.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z)).unsqueeze(-1)
+
+
+#: By name: the conversion, and how many numbers it gives.
+_REPRESENTATIONS: dict[str, tuple[Callable[[torch.Tensor], torch.Tensor], int]] = {
+    "quaternion": (_quaternion, 4),
+    "rotation_6d": (_rotation_6d, 6),
+    "gravity": (_gravity, 3),
+    "yaw": (_yaw, 1),
+}

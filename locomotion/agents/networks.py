@@ -1,0 +1,149 @@
+"""Actor and critic of the report's section 2.3.
+
+The modules here read and write tensordicts themselves instead of being wrapped in a
+``TensorDictModule``: for networks this small the wrapper takes longer than the arithmetic.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from tensordict.utils import NestedKey
+from torch import nn
+from torchrl.data import Composite, TensorSpec
+from torchrl.modules import IndependentNormal, ProbabilisticActor
+
+
+class ObservationNet(nn.Module):
+    """Encodes every observation by itself, then all of them together, and reads a vector off.
+
+    Each observation goes through a linear layer of its own, what comes out is put side by side and
+    goes through a second one, both followed by tanh; the last layer is linear.
+
+    Args:
+        sizes: length of each observation.
+        out_features: length of the result.
+        hidden_size: width of both hidden layers.
+    """
+
+    def __init__(self, sizes: Sequence[int], out_features: int, hidden_size: int = 32) -> None:
+        super().__init__()
+        self.encoders = nn.ModuleList(nn.Linear(size, hidden_size) for size in sizes)
+        self.joint_encoder = nn.Linear(hidden_size * len(sizes), hidden_size)
+        self.head = nn.Linear(hidden_size, out_features)
+
+    def forward(self, observations: Sequence[torch.Tensor]) -> torch.Tensor:
+        """Maps observations of shape ``(*batch, size)`` to ``(*batch, out_features)``."""
+        encoded = [encode(x) for encode, x in zip(self.encoders, observations)]
+        return self.head(_tanh(self.joint_encoder(_tanh(torch.cat(encoded, -1)))))
+
+
+def _tanh(x: torch.Tensor) -> torch.Tensor:
+    # The same function twice: on a CPU torch's sigmoid is several times faster than its tanh, which
+    # pays for the operations around it where there is much to compute.
+    return x.tanh() if x.numel() < 2**15 else 2 * torch.sigmoid(2 * x) - 1
+
+
+class _ObservationModule(TensorDictModuleBase):
+    """An :class:`ObservationNet` on the entries ``in_keys`` of a tensordict."""
+
+    def __init__(
+        self, observation_spec: Composite, in_keys: Sequence[NestedKey], out_features: int
+    ) -> None:
+        super().__init__()
+        self.in_keys = list(in_keys)
+        sizes = [observation_spec[key].shape[-1] for key in in_keys]
+        self.net = ObservationNet(sizes, out_features)
+
+    def evaluate(self, tensordict: TensorDictBase) -> torch.Tensor:
+        return self.net([tensordict.get(key) for key in self.in_keys])
+
+
+class GaussianParameters(_ObservationModule):
+    """Mean, from the observations, and standard deviation, from a parameter vector, of actions.
+
+    Writes ``loc`` and ``scale``, both of shape ``(*batch, num_actions)``. The standard deviation is
+    the exponential of ``log_scale``, which starts at 0.
+    """
+
+    def __init__(
+        self, observation_spec: Composite, in_keys: Sequence[NestedKey], num_actions: int
+    ) -> None:
+        super().__init__(observation_spec, in_keys, num_actions)
+        self.out_keys = ["loc", "scale"]
+        self.log_scale = nn.Parameter(torch.zeros(num_actions))
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        loc = self.evaluate(tensordict)
+        tensordict.set("loc", loc)
+        tensordict.set("scale", self.log_scale.exp().expand_as(loc))
+        return tensordict
+
+
+class StateValue(_ObservationModule):
+    """The expected return from the observations; writes ``state_value``, ``(*batch, 1)``."""
+
+    def __init__(self, observation_spec: Composite, in_keys: Sequence[NestedKey]) -> None:
+        super().__init__(observation_spec, in_keys, 1)
+        self.out_keys = ["state_value"]
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        return tensordict.set("state_value", self.evaluate(tensordict))
+
+
+class GaussianSampler(TensorDictModuleBase):
+    """Draws the actions of an actor made by :func:`make_actor`, for the collector.
+
+    It reads the actor's own parameters and writes ``action`` and ``action_log_prob`` alone. Most of
+    a call of the actor itself goes into building a distribution that collecting has no use for.
+
+    Args:
+        actor: the policy to sample from.
+    """
+
+    def __init__(self, actor: ProbabilisticActor) -> None:
+        super().__init__()
+        self.parameters_of_actions = actor.module[0]
+        self.in_keys = self.parameters_of_actions.in_keys
+        self.out_keys = ["action", "action_log_prob"]
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Adds an action, shape ``(*batch, num_actions)``, and its log-probability, ``(*batch,)``."""
+        mean = self.parameters_of_actions.evaluate(tensordict)
+        log_scale = self.parameters_of_actions.log_scale
+        noise = torch.randn_like(mean)
+        log_normaliser = log_scale.sum() + 0.5 * mean.shape[-1] * math.log(2 * math.pi)
+        log_prob = -0.5 * noise.square().sum(-1) - log_normaliser
+        tensordict.set("action", torch.addcmul(mean, noise, log_scale.exp()))
+        tensordict.set("action_log_prob", log_prob)
+        return tensordict
+
+
+def make_actor(
+    observation_spec: Composite, action_spec: TensorSpec, in_keys: Sequence[NestedKey]
+) -> ProbabilisticActor:
+    """A Gaussian policy whose standard deviations do not depend on the state.
+
+    Samples are not clipped, nor is their log-probability.
+
+    Args:
+        observation_spec: of the environment.
+        action_spec: of the action, its last dimension the number of hinges.
+        in_keys: observations that the policy sees, one encoder for each.
+    """
+    return ProbabilisticActor(
+        GaussianParameters(observation_spec, in_keys, action_spec.shape[-1]),
+        in_keys=["loc", "scale"],
+        distribution_class=IndependentNormal,
+        return_log_prob=True,
+        spec=action_spec,
+    )
+
+
+def make_critic(observation_spec: Composite, in_keys: Sequence[NestedKey]) -> StateValue:
+    """A state value with a network of its own, which shares nothing with the actor."""
+    return StateValue(observation_spec, in_keys)

@@ -1,0 +1,101 @@
+"""PPO put together from TorchRL's parts."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torchrl.data import LazyTensorStorage, ReplayBuffer
+from torchrl.data.replay_buffers.samplers import SamplerWithoutReplacement
+from torchrl.modules import ProbabilisticActor
+from torchrl.objectives import ClipPPOLoss
+from torchrl.objectives.value import GAE
+
+from locomotion.config import PPOConfig
+
+
+class PPO:
+    """Turns a batch of experience into a better actor and critic (Schulman et al. 2017, eq. 9).
+
+    Advantages are estimated with GAE and normalised in each minibatch; the entropy bonus is the
+    mean over the hinges, as the report has it, where TorchRL's joint entropy is their sum.
+    Both learning rates fall linearly over the iterations, to 0 after the last.
+
+    Args:
+        actor: the policy.
+        critic: the state value; it shares no parameters with the actor.
+        num_hinges: length of an action.
+        frames: frames in a batch.
+        config: hyperparameters.
+    """
+
+    def __init__(
+        self,
+        actor: ProbabilisticActor,
+        critic: TensorDictModuleBase,
+        num_hinges: int,
+        frames: int,
+        config: PPOConfig,
+    ) -> None:
+        self.epochs = config.epochs
+        self.advantage = GAE(
+            gamma=config.gamma,
+            lmbda=config.gae_lambda,
+            value_network=critic,
+            average_gae=False,
+            shifted=True,  # one pass of the critic over states and next states together
+        )
+        self.loss = ClipPPOLoss(
+            actor,
+            critic,
+            clip_epsilon=config.clip_epsilon,
+            entropy_coeff=config.entropy_coeff / num_hinges,
+            critic_coeff=1.0,
+            loss_critic_type="l2",
+            normalize_advantage=True,
+            functional=False,  # nothing here swaps parameters
+        )
+        self.optimizer = torch.optim.Adam(
+            [
+                {"params": list(actor.parameters()), "lr": config.actor_lr},
+                {"params": list(critic.parameters()), "lr": config.critic_lr},
+            ],
+            fused=True,
+        )
+        self.schedule = torch.optim.lr_scheduler.LambdaLR(
+            self.optimizer, lambda iteration: max(0.0, 1 - iteration / config.iterations)
+        )
+        self._learned_from = [
+            *actor.in_keys,
+            *("action", "action_log_prob", "advantage", "value_target"),
+        ]
+        self.buffer = ReplayBuffer(
+            storage=LazyTensorStorage(frames),
+            sampler=SamplerWithoutReplacement(),
+            batch_size=config.minibatch_size,
+        )
+
+    def update(self, batch: TensorDictBase) -> TensorDict:
+        """Learns from one batch.
+
+        Args:
+            batch: what the collector returned, batch shape ``(num_envs, steps)``. The advantage,
+                the value target and the state value are added to it.
+
+        Returns:
+            Losses and diagnostics, each the mean over all gradient steps.
+        """
+        with torch.no_grad():
+            self.advantage(batch)
+        self.buffer.extend(batch.select(*self._learned_from).reshape(-1))
+        losses = [self._step(minibatch) for _ in range(self.epochs) for minibatch in self.buffer]
+        self.schedule.step()
+        return torch.stack(losses).mean(0)
+
+    def _step(self, minibatch: TensorDictBase) -> TensorDict:
+        losses = self.loss(minibatch)
+        total = losses["loss_objective"] + losses["loss_entropy"] + losses["loss_critic"]
+        self.optimizer.zero_grad()
+        total.backward()
+        self.optimizer.step()
+        return losses.detach()

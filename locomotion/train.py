@@ -1,0 +1,149 @@
+"""Learns a gait: ``python -m locomotion.train robot=gecko +obs=history3``.
+
+A plain loop over TorchRL's parts: environment, policy, collector, advantage, loss, optimiser. TorchRL
+0.14's ``PPOTrainer`` was tried in its place. It learns alike, but it is marked experimental, estimates
+the advantage anew in every epoch, writes no row an iteration and no mean value without hooks of our
+own, and takes as many lines to wire up as this loop takes to read.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from locomotion.cli import launch
+from locomotion.config import Config
+
+if TYPE_CHECKING:
+    from torchrl.collectors import Collector
+    from torchrl.envs import TransformedEnv
+    from torchrl.modules import ProbabilisticActor
+
+
+def train(config: Config, folder: Path) -> None:
+    """Trains a policy and leaves metrics, checkpoints and a learning curve in a folder.
+
+    Args:
+        config: the run.
+        folder: where its output goes; must exist.
+    """
+    # dm-control turns such warnings on for everyone; these are TorchRL's, about parts of its own.
+    warnings.filterwarnings("ignore", "Creating .*WeightUpdaterBase is deprecated")
+    # Importing these takes seconds, so they wait until the configuration has been checked.
+    import torch
+    from torchrl import torchrl_logger
+    from tqdm import tqdm
+
+    from locomotion.agents import PPO, make_actor, make_critic
+    from locomotion.plot import plot_learning_curves
+    from locomotion.recording import MetricsWriter, save_checkpoint
+
+    torchrl_logger.setLevel("WARNING")
+    torch.set_num_threads(1)  # for networks this small a second one takes more than it gives
+    torch.manual_seed(config.seed)
+    env = make_env(config)
+    actor = make_actor(env.observation_spec, env.action_spec, policy_keys(config))
+    critic = make_critic(env.observation_spec, policy_keys(config))
+    frames = config.env.num_envs * config.ppo.steps
+    collector = make_collector(config, env, actor)
+    ppo = PPO(actor, critic, env.action_spec.shape[-1], frames, config.ppo)
+    metrics = MetricsWriter(folder, config.logger)
+
+    started = time.perf_counter()
+    progress = tqdm(total=config.ppo.iterations, desc=config.robot.name, unit="iteration")
+    for iteration, batch in enumerate(collector):
+        collected = time.perf_counter()
+        learning_rate = ppo.schedule.get_last_lr()[0]
+        losses = ppo.update(batch)
+        collector.update_policy_weights_()
+        finished = time.perf_counter()
+        mean_reward = batch["next", "reward"].mean().item()
+        metrics.write(
+            {
+                "iteration": iteration,
+                "frames": (iteration + 1) * frames,
+                "mean_reward": mean_reward,
+                "mean_value": batch["state_value"].mean().item(),
+                **{name: value.item() for name, value in losses.items()},
+                "actor_lr": learning_rate,
+                "collect_seconds": collected - started,
+                "update_seconds": finished - collected,
+            }
+        )
+        progress.set_postfix(
+            reward=f"{mean_reward:.4f} m", fps=f"{frames / (finished - started):.0f}", refresh=False
+        )
+        progress.update()
+        if (
+            iteration + 1
+        ) % config.checkpoint_interval == 0 or iteration + 1 == config.ppo.iterations:
+            save_checkpoint(
+                folder / "checkpoints" / f"{iteration + 1:06d}.pt",
+                {
+                    "iteration": iteration + 1,
+                    "actor": actor.state_dict(),
+                    "critic": critic.state_dict(),
+                    "optimizer": ppo.optimizer.state_dict(),
+                },
+            )
+        started = time.perf_counter()
+    progress.close()
+    metrics.close()
+    collector.shutdown()
+    plot_learning_curves([folder], folder / "learning_curve.png")
+    print(folder)
+
+
+def make_env(config: Config) -> TransformedEnv:
+    """The environment of a run, with the entries that its policy sees."""
+    from torchrl.envs import Compose, TransformedEnv
+
+    from locomotion.envs import LocomotionEnv
+    from locomotion.transforms import HingeHistory, IncludeOrientation
+
+    observations = ["hinge_position"]
+    transforms = [HingeHistory(config.obs.hinge_steps)]
+    if config.obs.orientation is not None:
+        observations.append("core_orientation")
+        transforms.append(IncludeOrientation(config.obs.orientation.value))
+    env = LocomotionEnv(
+        config.robot,
+        config.env.num_envs,
+        physics=config.physics,
+        control_frequency=config.env.control_frequency,
+        settle_time=config.env.settle_time,
+        time_limit=config.env.time_limit,
+        observations=observations,
+        seed=config.seed,
+    )
+    return TransformedEnv(env, Compose(*transforms))
+
+
+def make_collector(config: Config, env: TransformedEnv, actor: ProbabilisticActor) -> Collector:
+    """Collects ``ppo.steps`` control steps of all robots at a time, until the run is over."""
+    from torchrl.collectors import Collector
+
+    from locomotion.agents import GaussianSampler
+
+    frames = config.env.num_envs * config.ppo.steps
+    return Collector(
+        env,
+        GaussianSampler(actor),
+        frames_per_batch=frames,
+        total_frames=frames * config.ppo.iterations,
+        trust_policy=True,
+        track_traj_ids=False,
+        auto_register_policy_transforms=False,
+    )
+
+
+def policy_keys(config: Config) -> list[str]:
+    """The entries that the policy sees; each gets an encoder of its own."""
+    orientation = [] if config.obs.orientation is None else ["orientation"]
+    return ["hinge_position_history", *orientation]
+
+
+if __name__ == "__main__":
+    launch(train)

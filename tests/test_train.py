@@ -1,0 +1,195 @@
+"""The command line as a user meets it."""
+
+import csv
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from locomotion import cli
+from locomotion.cli import compose
+from locomotion.config import load
+
+ROOT = Path(__file__).parents[1]
+SMALL = ["env.num_envs=3", "ppo.steps=4", "ppo.minibatch_size=6", "ppo.iterations=2"]
+TIMINGS = {"collect_seconds", "update_seconds"}
+
+
+def train(*overrides, **keywords):
+    command = [sys.executable, "-m", "locomotion.train", *overrides]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, **keywords)
+
+
+def rows(run):
+    with (run / "metrics.csv").open() as file:
+        return [
+            {key: value for key, value in row.items() if key not in TIMINGS}
+            for row in csv.DictReader(file)
+        ]
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory):
+    """Two observations and a robot from a folder of the user's own, in one sweep."""
+    home = tmp_path_factory.mktemp("home")
+    (home / "bodies" / "robot").mkdir(parents=True)
+    (home / "bodies" / "robot" / "stick.yaml").write_text(
+        "name: stick\nbody: {module: core, children: {left: {module: hinge}}}\n"
+    )
+    result = train(
+        *("--multirun", "--config-dir=bodies", "robot=stick", "+obs=hinges,history3"),
+        *("seed=7", "logger=tensorboard", "hydra.sweep.dir=sweep", *SMALL),
+        cwd=home,
+    )
+    assert result.returncode == 0, result.stderr
+    return home / "sweep"
+
+
+def test_a_run_leaves_metrics_checkpoints_and_a_picture(sweep):
+    for job, actor_inputs in (("0", [1]), ("1", [3, 4])):
+        run = sweep / job
+        metrics = rows(run)
+        assert list(metrics[0])[:4] == ["iteration", "frames", "mean_reward", "mean_value"]
+        assert [row["frames"] for row in metrics] == ["12", "24"]
+        checkpoint = torch.load(run / "checkpoints" / "000002.pt", weights_only=True)
+        encoders = [
+            weight.shape[1]
+            for key, weight in checkpoint["actor"].items()
+            if "encoders" in key and key.endswith("weight")
+        ]
+        assert encoders == actor_inputs
+        assert (run / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
+        assert list((run / "tensorboard").glob("events*"))
+        assert OmegaConf.load(run / ".hydra" / "config.yaml").robot.name == "stick"
+
+
+def test_the_same_seed_gives_the_same_run_alone_in_a_sweep_and_on_other_threads(sweep, tmp_path):
+    overrides = ["--config-dir=bodies", "robot=stick", "+obs=history3", "physics.threads=1", *SMALL]
+    for seed in (7, 8):
+        run = tmp_path / str(seed)
+        result = train(*overrides, f"seed={seed}", f"hydra.run.dir={run}", cwd=sweep.parent)
+        assert result.returncode == 0, result.stderr
+        assert (rows(run) == rows(sweep / "1")) == (seed == 7)
+
+
+def test_plot_compares_runs_and_names_what_is_none(sweep, tmp_path):
+    command = [sys.executable, "-m", "locomotion.plot"]
+    picture = tmp_path / "curves.png"
+    subprocess.run([*command, sweep / "0", sweep / "1", "--output", picture], check=True)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    result = subprocess.run([*command, tmp_path], capture_output=True, text=True)
+    assert result.returncode == 2
+    assert result.stderr == f"error: {tmp_path} holds no metrics.csv, so it is no run's folder\n"
+
+
+def test_nothing_heavy_is_imported_before_the_configuration_is_checked():
+    code = "import sys, locomotion.train; print({'torch', 'mujoco', 'matplotlib'} & {*sys.modules})"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.stdout == "set()\n"
+
+
+def test_help_names_every_choice_and_key():
+    text = train("--help").stdout
+    for choice in ("ant, gecko", "hinges, hinges_orientation, history3, history3_hinges"):
+        assert choice in text
+    for key in ("env.num_envs", "physics.timestep", "physics.threads", "ppo.epochs", "seed"):
+        assert f"\n  {key} " in text
+
+
+def test_without_a_choice_the_policy_sees_hinges_and_orientation():
+    assert compose().obs == load("obs/hinges_orientation") == compose("+obs=hinges_orientation").obs
+
+
+def test_defaults_are_the_reports():
+    config = compose()
+    assert (config.env.num_envs, config.ppo.steps, config.ppo.iterations) == (64, 128, 200)
+    assert (config.ppo.epochs, config.ppo.minibatch_size) == (4, 2048)
+    assert (config.ppo.actor_lr, config.ppo.critic_lr) == (0.0008, 0.001)
+    assert (config.ppo.gamma, config.ppo.gae_lambda, config.ppo.clip_epsilon) == (0.99, 0.95, 0.2)
+    assert (config.ppo.entropy_coeff, config.env.control_frequency) == (0.01, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["robot=lizard"], "robot=lizard is unknown; choose from ant, gecko"),
+        (["+obs=history"], "obs=history is unknown; choose from hinges, hinges_orientation"),
+        (["obs=history3"], "use +obs=history3"),
+        (["logger=paper"], "logger=paper is unknown; choose from csv, tensorboard"),
+        (["physics=bullet"], "physics=bullet is unknown; choose from threaded"),
+        (["ppo.iteration=3"], "ppo.iteration is no key; did you mean ppo.iterations?"),
+        (["pppo.epochs=3"], "pppo is no key; did you mean ppo?"),
+        (["+frames=3"], "frames is no key"),
+        (["++ppo.lr=3"], "ppo.lr is no key"),
+        (["ppo.epochs=many"], "ppo.epochs=many: Value 'many' of type 'str'"),
+        (["env.num_envs=1.5"], "env.num_envs=1.5: Value '1.5' of type 'float'"),
+        (["seed=null"], "seed=null"),
+        (["obs.orientation=euler"], "expected one of [quaternion, rotation_6d, gravity, yaw]"),
+        (["ppo=3"], "ppo=3"),
+        (["~ppo"], "ppo"),
+        (["ppo.epochs"], "Error parsing override 'ppo.epochs'"),
+        (["ppo.epochs=0"], "ppo.epochs=0 must be at least 1"),
+        (["env.num_envs=-1"], "env.num_envs=-1 must be at least 1"),
+        (["ppo.gamma=1.5"], "ppo.gamma=1.5 must be at least 0 and at most 1"),
+        (["env.time_limit=nan"], "env.time_limit=nan must be above 0"),
+        (["physics.timestep=0.03"], "physics.timestep=0.03 must divide the control period of 0.25"),
+        (["ppo.minibatch_size=9000"], "ppo.minibatch_size=9000 must be at most the 8192 frames"),
+        (["robot=gecko,ant"], "robot=gecko,ant: several values need --multirun"),
+        (["--multirun", "seed=0,1,-2"], "seed=-2 must be at least 0"),
+        (["--multirun", "robot=gecko,lizard"], "robot=lizard is unknown"),
+        (["--config-dir=nowhere"], "--config-dir=nowhere is no folder"),
+        (["robot.body.children.back.rotation=30"], "robot gecko: core/back: rotation 30 is no"),
+    ],
+)
+def test_a_wrong_call_ends_in_one_line(arguments, message, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["train", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        cli.launch(lambda config, folder: pytest.fail("the job was started"))
+    printed = capsys.readouterr()
+    assert ended.value.code == 2
+    assert printed.out == ""
+    assert printed.err.startswith("error: ")
+    assert message in printed.err
+    assert printed.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_face_used_twice_is_named_by_its_module(monkeypatch, capsys, tmp_path):
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "robot" / "twin.yaml").write_text(
+        "name: twin\n"
+        "body:\n"
+        "  module: core\n"
+        "  children:\n"
+        "    left:\n"
+        "      module: brick\n"
+        "      children:\n"
+        "        front: {module: hinge}\n"
+        "        front: {module: brick}\n"
+    )
+    monkeypatch.setattr(sys, "argv", ["train", f"--config-dir={tmp_path}", "robot=twin"])
+    with pytest.raises(SystemExit):
+        cli.launch(lambda config, folder: pytest.fail("the job was started"))
+    assert "core/left: two children on the face 'front'\n" in capsys.readouterr().err
+
+
+def test_a_wheel_carries_the_configuration(tmp_path):
+    subprocess.run(
+        [sys.executable, "-m", "pip", "wheel", "--no-deps", "-q", "-w", tmp_path, ROOT], check=True
+    )
+    (wheel,) = tmp_path.glob("*.whl")
+    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r});"
+        "from locomotion.cli import compose; from locomotion.config import conf_dir;"
+        "print(conf_dir(), compose('robot=ant').robot.name)"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert result.stdout == f"{tmp_path / 'site' / 'locomotion' / 'conf'} ant\n"

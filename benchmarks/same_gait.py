@@ -1,0 +1,85 @@
+"""How fast a trained gait is without what makes the physics step cheap.
+
+``python -m benchmarks.same_gait RUN`` walks the policy of a run's last checkpoint under three compiled
+models of its robot: the one that training steps, the same with MuJoCo's search for contacts, warm
+start and islands back in place, and that with every module a body of its own. What differs between
+them is how contacts are found and how stiff they are, so a gait should be as fast under each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import mujoco
+import torch
+from omegaconf import OmegaConf
+
+from locomotion.agents import GaussianSampler, make_actor
+from locomotion.config import Config, ConfigError, typed
+from locomotion.physics import ThreadedPhysics
+from locomotion.train import make_env, policy_keys
+
+NUM_ENVS, STEPS, WARM_UP = 256, 400, 50
+
+
+def plain_model(xml: str, fused: bool) -> mujoco.MjModel:
+    """Compiles a robot on its ground with nothing left out."""
+    spec = mujoco.MjSpec.from_string(xml)
+    spec.option.disableflags = 0
+    spec.compiler.fusestatic = fused
+    for pair in list(spec.pairs):
+        spec.delete(pair)
+    for geom in spec.geoms:
+        geom.conaffinity = int(geom.name != "ground")
+    return spec.compile()
+
+
+def walk(config: Config, actor_state: dict, fused: bool | None) -> tuple[float, float]:
+    """Mean reward per control step (m) of many robots, and its standard error.
+
+    Args:
+        config: the run's configuration.
+        actor_state: weights of the run's actor.
+        fused: with every module a body of its own or not, both without what training leaves out;
+            ``None`` takes the model that training steps.
+    """
+    torch.manual_seed(0)
+    config.env.num_envs = NUM_ENVS
+    env = make_env(config)
+    if fused is not None:
+        inner = env.base_env
+        model = plain_model(inner.task.root_entity.mjcf_model.to_xml_string(), fused)
+        inner._physics = ThreadedPhysics(model, NUM_ENVS, config.physics.threads)
+    actor = make_actor(env.observation_spec, env.action_spec, policy_keys(config))
+    actor.load_state_dict(actor_state)
+    with torch.no_grad():
+        reward = env.rollout(STEPS, GaussianSampler(actor))["next", "reward"]
+    speeds = reward[:, WARM_UP:].mean((1, 2))
+    return speeds.mean().item(), speeds.std().item() / NUM_ENVS**0.5
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.same_gait", description=__doc__)
+    parser.add_argument("run", type=Path, metavar="RUN", help="folder of a finished run")
+    run = parser.parse_args().run
+    checkpoints = sorted((run / "checkpoints").glob("*.pt"))
+    if not checkpoints or not (run / ".hydra" / "config.yaml").is_file():
+        print(f"error: {run} holds no checkpoint of a run", file=sys.stderr)
+        sys.exit(2)
+    try:
+        config = typed(Config, OmegaConf.load(run / ".hydra" / "config.yaml"))
+    except ConfigError as error:
+        print(f"error: {run}: {error}", file=sys.stderr)
+        sys.exit(2)
+    state = torch.load(checkpoints[-1], weights_only=True)["actor"]
+    shipped, error = walk(config, state, None)
+    print(f"{config.robot.name}: {shipped:.4f} ± {error:.4f} m a step as trained")
+    for fused, name in ((True, "plain contacts"), (False, "plain contacts, nothing fused")):
+        speed, error = walk(config, state, fused)
+        print(f"{name}: {speed:.4f} ± {error:.4f} m, as trained / this {shipped / speed:.3f}")
+
+
+if __name__ == "__main__":
+    main()

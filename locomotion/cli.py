@@ -129,7 +129,7 @@ def _explain(error: Exception) -> str:
         return f"{group}={option} is unknown; choose from {', '.join(error.options)}"
     if isinstance(error, yaml.MarkedYAMLError):
         return explain_yaml(error)
-    cause = error.__cause__
+    cause = error.__cause__ or error.__context__
     if isinstance(cause, (ConfigAttributeError, ConfigKeyError)):
         return explain_omegaconf(cause)
     message = " ".join(str(error).split())

@@ -178,6 +178,16 @@ def test_a_face_used_twice_is_named_by_its_module(monkeypatch, capsys, tmp_path)
     assert "core/left: two children on the face 'front'\n" in capsys.readouterr().err
 
 
+def test_an_unknown_key_in_a_body_file_is_named(monkeypatch, capsys, tmp_path):
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "robot" / "red.yaml").write_text("name: red\nbody: {module: core}\ncolour: red\n")
+    monkeypatch.setattr(sys, "argv", ["train", f"--config-dir={tmp_path}", "robot=red"])
+    with pytest.raises(SystemExit):
+        cli.launch(lambda config, folder: pytest.fail("the job was started"))
+    message = "error: robot.colour is no key; allowed are name, body\n"
+    assert capsys.readouterr().err == message
+
+
 def test_a_wheel_carries_the_configuration(tmp_path):
     subprocess.run(
         [sys.executable, "-m", "pip", "wheel", "--no-deps", "-q", "-w", tmp_path, ROOT], check=True

@@ -103,6 +103,15 @@ def test_reward_is_the_distance_gained_even_far_away(offset):
     assert total == pytest.approx(walked.norm().item(), abs=1e-6)
 
 
+def test_without_settling_robots_start_straight_and_at_rest():
+    env = LocomotionEnv("gecko", 2, seed=0, settle_time=0.0)
+    td = env.reset()
+    assert not td["hinge_position"].any()
+    reference = composer.Environment(env.task, random_state=0)
+    reference.reset()
+    np.testing.assert_array_equal(td["core_position"][0], reference.physics.data.qpos[:3])
+
+
 def test_actions_are_clipped_inside_and_left_alone_outside():
     env = LocomotionEnv("gecko", 2, seed=0)
     env.reset()

@@ -95,7 +95,8 @@ class WalkAway(composer.Task):
     ) -> None:
         targets = random_state.uniform(-TARGET_LIMIT, TARGET_LIMIT, len(self._robot.hinges))
         physics.bind(self._robot.actuators).ctrl = targets
-        physics.step(round(self._settle_time / self.physics_timestep))
+        for _ in range(round(self._settle_time / self.physics_timestep)):
+            physics.step()
         self._start = self._position(physics)
         self._distance = 0.0
         self._reward = 0.0

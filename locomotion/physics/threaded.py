@@ -62,13 +62,13 @@ class ThreadedPhysics(Physics):
     def step(
         self, control: torch.Tensor, num_steps: int, where: torch.Tensor | None = None
     ) -> None:
-        if self._states.shape[1] != num_steps:
-            self._allocate(num_steps)
         rows = slice(None) if where is None else where.numpy()
         start = self._state[rows]
         count = len(start)
-        if count == 0:
+        if count == 0 or num_steps == 0:
             return
+        if self._states.shape[1] != num_steps:
+            self._allocate(num_steps)
         self._control[:count] = control.numpy()[rows, None]
         # Checks that are skipped here would cost as much as a robot's physics.
         self._rollout.rollout(

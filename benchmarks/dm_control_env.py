@@ -11,7 +11,7 @@ from dm_control.rl import control
 from dm_control.suite import base
 from torchrl.envs import DMControlWrapper
 
-from benchmarks.rivals import CONTROL_TIMESTEP, SETTLE_TIME
+from benchmarks.task import CONTROL_TIMESTEP, SETTLE_TIME
 
 
 class WalkAwayTask(base.Task):

@@ -8,7 +8,7 @@ import gymnasium
 import mujoco
 import numpy as np
 
-from benchmarks.rivals import CONTROL_TIMESTEP, SETTLE_TIME
+from benchmarks.task import CONTROL_TIMESTEP, SETTLE_TIME
 
 
 class WalkAwayEnv(gymnasium.Env):

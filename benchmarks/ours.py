@@ -172,10 +172,17 @@ def state_of(env: TransformedEnv) -> np.ndarray:
     return env.base_env._physics._state.copy()
 
 
-def plain_model(task: WalkAway) -> mujoco.MjModel:
-    """The same robot with every module a body of its own, under MuJoCo's plain defaults."""
+def plain_model(task: WalkAway, fused: bool = False) -> mujoco.MjModel:
+    """The same robot under MuJoCo's plain defaults, with every module a body of its own.
+
+    Args:
+        task: the robot on its ground.
+        fused: keep modules fused that do not move against one another.
+    """
     root = ElementTree.fromstring(task.root_entity.mjcf_model.to_xml_string())
     for path, attribute in SAVINGS:
+        if fused and attribute == "fusestatic":
+            continue
         for element in root.findall(path):
             if attribute is None:
                 element.clear()

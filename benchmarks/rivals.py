@@ -17,11 +17,21 @@ import numpy as np
 #: How processes are started. Only Gymnasium does so by itself: the others' fresh interpreters would
 #: import torch once a robot, which takes minutes and several times the memory.
 START_METHOD = "fork"
-CONTROL_TIMESTEP = 0.25  # s
-SETTLE_TIME = 0.5  # s
 
 
-class GymnasiumSide:
+class _PlainSide:
+    """A side whose environment takes arrays of actions; a subclass makes both."""
+
+    def step(self) -> int:
+        for action in self._actions:
+            self._env.step(action)
+        return len(self._actions) * self._env.num_envs
+
+    def close(self) -> None:
+        self._env.close()
+
+
+class GymnasiumSide(_PlainSide):
     """``gymnasium.vector.AsyncVectorEnv``, with shared memory as it comes."""
 
     def __init__(self, model: mujoco.MjModel, num_envs: int, steps: int) -> None:
@@ -34,16 +44,8 @@ class GymnasiumSide:
         self._actions = random_actions(steps, num_envs, model.nu)
         self._env.reset(seed=0)
 
-    def step(self) -> int:
-        for action in self._actions:
-            self._env.step(action)
-        return len(self._actions) * self._env.num_envs
 
-    def close(self) -> None:
-        self._env.close()
-
-
-class StableBaselines3Side:
+class StableBaselines3Side(_PlainSide):
     """``stable_baselines3``'s ``SubprocVecEnv``, which talks to its processes through pipes."""
 
     def __init__(self, model: mujoco.MjModel, num_envs: int, steps: int) -> None:
@@ -56,14 +58,6 @@ class StableBaselines3Side:
         self._actions = random_actions(steps, num_envs, model.nu)
         self._env.seed(0)
         self._env.reset()
-
-    def step(self) -> int:
-        for action in self._actions:
-            self._env.step(action)
-        return len(self._actions) * self._env.num_envs
-
-    def close(self) -> None:
-        self._env.close()
 
 
 class TorchRLSide:

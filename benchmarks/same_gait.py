@@ -12,28 +12,16 @@ import argparse
 import sys
 from pathlib import Path
 
-import mujoco
 import torch
 from omegaconf import OmegaConf
 
+from benchmarks.ours import plain_model
 from locomotion.agents import GaussianSampler, make_actor
 from locomotion.config import Config, ConfigError, typed
 from locomotion.physics import ThreadedPhysics
 from locomotion.train import make_env, policy_keys
 
 NUM_ENVS, STEPS, WARM_UP = 256, 400, 50
-
-
-def plain_model(xml: str, fused: bool) -> mujoco.MjModel:
-    """Compiles a robot on its ground with nothing left out."""
-    spec = mujoco.MjSpec.from_string(xml)
-    spec.option.disableflags = 0
-    spec.compiler.fusestatic = fused
-    for pair in list(spec.pairs):
-        spec.delete(pair)
-    for geom in spec.geoms:
-        geom.conaffinity = int(geom.name != "ground")
-    return spec.compile()
 
 
 def walk(config: Config, actor_state: dict, fused: bool | None) -> tuple[float, float]:
@@ -50,7 +38,7 @@ def walk(config: Config, actor_state: dict, fused: bool | None) -> tuple[float, 
     env = make_env(config)
     if fused is not None:
         inner = env.base_env
-        model = plain_model(inner.task.root_entity.mjcf_model.to_xml_string(), fused)
+        model = plain_model(inner.task, fused)
         inner._physics = ThreadedPhysics(model, NUM_ENVS, config.physics.threads)
     actor = make_actor(env.observation_spec, env.action_spec, policy_keys(config))
     actor.load_state_dict(actor_state)

@@ -7,6 +7,7 @@ the last job of a sweep is found before the first one runs.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import sys
 import typing
 from collections.abc import Callable
@@ -95,6 +96,7 @@ def compose(*overrides: str) -> Config:
         raise ConfigError(f"{error} in {' '.join(overrides)}") from error
 
 
+@functools.cache
 def _register() -> None:
     store = ConfigStore.instance()
     store.store("schema", node=Config)

@@ -76,13 +76,12 @@ def train(config: Config, folder: Path) -> None:
             reward=f"{mean_reward:.4f} m", fps=f"{frames / (finished - started):.0f}", refresh=False
         )
         progress.update()
-        if (
-            iteration + 1
-        ) % config.checkpoint_interval == 0 or iteration + 1 == config.ppo.iterations:
+        completed = iteration + 1
+        if completed % config.checkpoint_interval == 0 or completed == config.ppo.iterations:
             save_checkpoint(
-                folder / "checkpoints" / f"{iteration + 1:06d}.pt",
+                folder / "checkpoints" / f"{completed:06d}.pt",
                 {
-                    "iteration": iteration + 1,
+                    "iteration": completed,
                     "actor": actor.state_dict(),
                     "critic": critic.state_dict(),
                     "optimizer": ppo.optimizer.state_dict(),

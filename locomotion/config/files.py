@@ -59,7 +59,7 @@ def load(choice: str, overrides: Mapping[str, Any] | None = None) -> Any:
 
 
 def load_file(path: Path, schema: type[T], overrides: Mapping[str, Any] | None = None) -> T:
-    """Reads a YAML file into a dataclass of this module.
+    """Reads a YAML file into a dataclass of the schema.
 
     Raises:
         ConfigError: for a file that is missing or no YAML, an unknown key, or a value of the wrong
@@ -75,7 +75,7 @@ def load_file(path: Path, schema: type[T], overrides: Mapping[str, Any] | None =
 
 
 def typed(schema: type[T], *layers: Any) -> T:
-    """Merges mappings, later ones first, into an instance of a dataclass of this module.
+    """Merges mappings, the last of which wins, into an instance of a dataclass of the schema.
 
     Raises:
         ConfigError: for an unknown key, or a value of the wrong type or range.

@@ -152,14 +152,14 @@ class LocomotionEnv(EnvBase):
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDict:
         where = None if tensordict is None else tensordict.get("_reset", None)
+        if where is not None:
+            where = where.reshape(self.num_envs)
+        rows = slice(None) if where is None else where
         # Targets are drawn for all robots, so that a partial reset uses up as much randomness.
         targets = torch.empty(self.action_spec.shape, dtype=torch.float64)
         targets.uniform_(-TARGET_LIMIT, TARGET_LIMIT, generator=self._generator)
-        if where is not None:
-            where = where.reshape(self.num_envs)
         self._physics.reset(where)
         self._physics.step(targets, self._settle_steps, where)
-        rows = slice(None) if where is None else where
         self._start[rows] = self._physics.qpos[rows, :2]
         self._distance[rows] = 0.0
         self._steps[rows] = 0

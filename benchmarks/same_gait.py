@@ -16,7 +16,7 @@ import torch
 from omegaconf import OmegaConf
 
 from benchmarks.ours import plain_model
-from locomotion.agents import GaussianSampler, make_actor
+from locomotion.agents import make_actor
 from locomotion.config import Config, ConfigError, typed
 from locomotion.physics import ThreadedPhysics
 from locomotion.train import make_env, policy_keys
@@ -43,7 +43,7 @@ def walk(config: Config, actor_state: dict, fused: bool | None) -> tuple[float, 
     actor = make_actor(env.observation_spec, env.action_spec, policy_keys(config))
     actor.load_state_dict(actor_state)
     with torch.no_grad():
-        reward = env.rollout(STEPS, GaussianSampler(actor))["next", "reward"]
+        reward = env.rollout(STEPS, actor)["next", "reward"]
     speeds = reward[:, WARM_UP:].mean((1, 2))
     return speeds.mean().item(), speeds.std().item() / NUM_ENVS**0.5
 

@@ -122,20 +122,9 @@ def make_env(config: Config) -> TransformedEnv:
 
 def make_collector(config: Config, env: TransformedEnv, actor: ProbabilisticActor) -> Collector:
     """Collects ``ppo.steps`` control steps of all robots at a time, until the run is over."""
-    from torchrl.collectors import Collector
+    from locomotion.agents import RolloutCollector
 
-    from locomotion.agents import GaussianSampler
-
-    frames = config.env.num_envs * config.ppo.steps
-    return Collector(
-        env,
-        GaussianSampler(actor),
-        frames_per_batch=frames,
-        total_frames=frames * config.ppo.iterations,
-        trust_policy=True,
-        track_traj_ids=False,
-        auto_register_policy_transforms=False,
-    )
+    return RolloutCollector(env, actor, config.ppo.steps, config.ppo.iterations)
 
 
 def policy_keys(config: Config) -> list[str]:

@@ -43,7 +43,6 @@ class PPO:
             lmbda=config.gae_lambda,
             value_network=critic,
             average_gae=False,
-            shifted=True,  # one pass of the critic over states and next states together
         )
         self.loss = ClipPPOLoss(
             actor,
@@ -85,6 +84,9 @@ class PPO:
         Returns:
             Losses and diagnostics, each the mean over all gradient steps.
         """
+        # Where nothing was reset, a next state is the state of the next step, and one pass of the
+        # critic evaluates both.
+        self.advantage.shifted = not batch["next", "done"].any()
         with torch.no_grad():
             self.advantage(batch)
         self.buffer.extend(batch.select(*self._learned_from).reshape(-1))

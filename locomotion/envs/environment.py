@@ -109,7 +109,7 @@ class LocomotionEnv(EnvBase):
         self._physics = ThreadedPhysics(_compile(self._task), num_envs, physics.threads)
         self._start = torch.zeros(num_envs, 2, dtype=torch.float64)
         self._distance = torch.zeros(num_envs, dtype=torch.float64)
-        self._steps = torch.zeros(num_envs, 1, dtype=torch.int64)
+        self._steps = torch.zeros(num_envs, dtype=torch.int64)
         self._observations = _chosen(observations)
         self._make_specs(num_envs, self.model.nu)
         self.set_seed(_random_seed() if seed is None else seed)
@@ -122,7 +122,7 @@ class LocomotionEnv(EnvBase):
         self.observation_spec = Composite(
             {
                 key: Unbounded(value.shape, dtype=value.dtype)
-                for key, value in self._observe().items()
+                for key, value in self.observe().items()
             },
             shape=batch,
         )
@@ -164,22 +164,19 @@ class LocomotionEnv(EnvBase):
         self._distance[rows] = 0.0
         self._steps[rows] = 0
         flags = dict(zip(("done", "terminated", "truncated"), self._flags()))
-        return TensorDict({**self._observe(), **flags}, batch_size=self.batch_size)
+        return TensorDict({**self.observe(), **flags}, batch_size=self.batch_size)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
-        self._physics.step(tensordict.get("action"), self._substeps)
-        distance = torch.linalg.vector_norm(self._physics.qpos[:, :2] - self._start, dim=-1)
-        reward = (distance - self._distance).to(torch.float32).unsqueeze(-1)
-        self._distance = distance
+        place = torch.empty(1, self.num_envs, 2, dtype=torch.float64)
         done, terminated, truncated = self._flags()
-        if self._step_limit is not None:
-            self._steps += 1
-            torch.ge(self._steps, self._step_limit, out=truncated)
-            done.copy_(truncated)
+        ended = self.advance(tensordict.get("action"), place[0])
+        if ended is not None:
+            truncated[:, 0] = ended
+            done[:, 0] = ended
         return TensorDict(
             {
-                **self._observe(),
-                "reward": reward,
+                **self.observe(),
+                "reward": self.gains(place).T,
                 "done": done,
                 "terminated": terminated,
                 "truncated": truncated,
@@ -187,11 +184,46 @@ class LocomotionEnv(EnvBase):
             batch_size=self.batch_size,
         )
 
+    def advance(self, action: torch.Tensor, place: torch.Tensor) -> torch.Tensor | None:
+        """Takes a control step, for loops that compute rewards for many steps at a time.
+
+        Args:
+            action: hinge targets (rad), shape ``(num_envs, hinges)``.
+            place: where to write where the cores then are on the ground (m), float64 of shape
+                ``(num_envs, 2)``. It is owed to :meth:`gains`, before the next reset.
+
+        Returns:
+            Which robots have reached the time limit, bool of shape ``(num_envs,)``; ``None`` if none
+            has.
+        """
+        self._physics.step(action, self._substeps)
+        place.copy_(self._physics.qpos[:, :2])
+        if self._step_limit is None:
+            return None
+        self._steps += 1
+        ended = self._steps >= self._step_limit
+        return ended if ended.any() else None
+
+    def gains(self, places: torch.Tensor) -> torch.Tensor:
+        """Rewards (m) of the control steps that led to places, one after the other.
+
+        Args:
+            places: what :meth:`advance` wrote since the last call, shape ``(steps, num_envs, 2)``.
+
+        Returns:
+            Distance from the start gained in each step, float32 of shape ``(steps, num_envs)``.
+        """
+        distance = torch.linalg.vector_norm(places - self._start, dim=-1)
+        gained = torch.diff(distance, dim=0, prepend=self._distance.unsqueeze(0))
+        self._distance = distance[-1].clone()
+        return gained.to(torch.float32)
+
     def _flags(self) -> tuple[torch.Tensor, ...]:
         """Three flags that nobody has raised, bool of shape ``(num_envs, 1)``."""
         return torch.zeros(3, self.num_envs, 1, dtype=torch.bool).unbind()
 
-    def _observe(self) -> dict[str, torch.Tensor]:
+    def observe(self) -> dict[str, torch.Tensor]:
+        """What the environment knows about its robots now, by key; tensors of their own."""
         return {key: read(self._physics) for key, read in self._observations.items()}
 
     @property

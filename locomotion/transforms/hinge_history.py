@@ -70,11 +70,24 @@ class HingeHistory(Transform):
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         for in_key, out_key in zip(self.in_keys, self.out_keys):
-            value = next_tensordict.get(in_key)
-            kept = (self.steps - 1) * value.shape[-1]
-            older = tensordict.get(out_key)[..., :kept]
-            next_tensordict.set(out_key, torch.cat([value, older], -1))
+            history = tensordict.get(out_key)
+            following = torch.empty_like(history)
+            self.write(next_tensordict.get(in_key), history, following)
+            next_tensordict.set(out_key, following)
         return next_tensordict
+
+    def write(self, value: torch.Tensor, history: torch.Tensor, out: torch.Tensor) -> None:
+        """Writes the history that follows on another one, for loops that keep memory of their own.
+
+        Args:
+            value: what was observed, shape ``(*batch, n)``.
+            history: what was remembered before, shape ``(*batch, steps * n)``.
+            out: where the new history goes, shaped like ``history`` and apart from it.
+        """
+        n = value.shape[-1]
+        out[..., :n] = value
+        if self.steps > 1:
+            out[..., n:] = history[..., :-n]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Builds the histories of stored trajectories, batch shape ``(*batch, time)``."""

@@ -60,11 +60,25 @@ class IncludeOrientation(ObservationTransform):
         self._convert, self._size = _REPRESENTATIONS[representation]
 
     def _apply_transform(self, obs: torch.Tensor) -> torch.Tensor:
-        quaternion = obs if self.part is None else obs[..., self.part]
-        return self._convert(quaternion)
+        quaternion = self._quaternion(obs)
+        orientation = self._convert(quaternion)
+        return orientation.clone() if orientation is quaternion else orientation
+
+    def _quaternion(self, obs: torch.Tensor) -> torch.Tensor:
+        return obs if self.part is None else obs[..., self.part]
 
     def _reset(self, tensordict, tensordict_reset):
         return self._call(tensordict_reset)
+
+    def write(self, value: torch.Tensor, previous: torch.Tensor, out: torch.Tensor) -> None:
+        """Writes the orientation read from ``value``, for loops that keep memory of their own.
+
+        Args:
+            value: what was observed, its last dimension that of the input.
+            previous: not looked at; an orientation does not depend on the one before.
+            out: where the orientation goes, shape ``(*batch, size)``.
+        """
+        out.copy_(self._convert(self._quaternion(value)))
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         for in_key, out_key in zip(self.in_keys, self.out_keys):
@@ -76,10 +90,6 @@ class IncludeOrientation(ObservationTransform):
                 (*spec.shape[:-1], self._size), dtype=spec.dtype, device=spec.device
             )
         return observation_spec
-
-
-def _quaternion(quaternion: torch.Tensor) -> torch.Tensor:
-    return quaternion.clone()
 
 
 def _rotation_6d(quaternion: torch.Tensor) -> torch.Tensor:
@@ -108,7 +118,7 @@ def _yaw(quaternion: torch.Tensor) -> torch.Tensor:
 
 #: By name: the conversion, and how many numbers it gives.
 _REPRESENTATIONS: dict[str, tuple[Callable[[torch.Tensor], torch.Tensor], int]] = {
-    "quaternion": (_quaternion, 4),
+    "quaternion": (lambda quaternion: quaternion, 4),
     "rotation_6d": (_rotation_6d, 6),
     "gravity": (_gravity, 3),
     "yaw": (_yaw, 1),

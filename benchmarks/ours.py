@@ -168,7 +168,10 @@ class RawRollout:
 
 
 def state_of(env: TransformedEnv) -> np.ndarray:
-    """A copy of the full physics states, shape ``(num_envs, 1 + nq + nv)``; has no public name."""
+    """A copy of the full physics states, shape ``(num_envs, 1 + nq + nv)``; has no public name.
+
+    The first column is MuJoCo's clock, which every control step sets anew.
+    """
     return env.base_env._physics._state.copy()
 
 

@@ -16,21 +16,13 @@ from locomotion.envs import LocomotionEnv
 ONE_THREAD = {"threads": 1}
 
 
-def set_state(env, qpos, qvel):
-    """Puts every robot of an environment into one state, which becomes where it started."""
-    env._physics.qpos[:] = torch.as_tensor(qpos)
-    env._physics.qvel[:] = torch.as_tensor(qvel)
-    env._start[:] = env._physics.qpos[:, :2]
-    env._distance[:] = 0.0
-
-
 @pytest.mark.parametrize("robot", ["gecko", "ant"])
 def test_dm_controls_environment_and_the_batched_one_agree(robot):
     env = LocomotionEnv(robot, 3, seed=0)
     reference = composer.Environment(env.task, random_state=0)
     reference.reset()
     physics = reference.physics
-    set_state(env, physics.data.qpos.copy(), physics.data.qvel.copy())
+    env.set_state(torch.tensor(physics.data.qpos), torch.tensor(physics.data.qvel))
     rng = np.random.default_rng(0)
     td = env.fake_tensordict()
     for _ in range(10):
@@ -119,7 +111,7 @@ def test_actions_are_clipped_inside_and_left_alone_outside():
     td = env.fake_tensordict()
     reached = []
     for target in (1.0, 7.0):
-        set_state(env, qpos, qvel)
+        env.set_state(qpos, qvel)
         td["action"] = torch.full((2, 6), target)
         after = env.step(td)
         assert (after["action"] == target).all()

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
+from collections.abc import Mapping
+from typing import Any
 
 import torch
 from tensordict import TensorDict
@@ -42,6 +45,7 @@ class RolloutCollector(Collector):
             total_frames=frames * batches,
             trust_policy=True,
             use_buffers=False,
+            return_same_td=True,  # each batch has memory of its own; no copy is needed
             track_traj_ids=False,
             auto_register_policy_transforms=False,
         )
@@ -70,7 +74,8 @@ class RolloutCollector(Collector):
         for key, entry in entries.items():
             entry[0] = self._carrier[key]
         rows = [dict(zip(entries, row)) for row in zip(*(e.unbind() for e in entries.values()))]
-        resets: list[tuple[int, torch.Tensor, torch.Tensor]] = []
+        terminated, truncated = torch.zeros(2, *shape[:2], 1, dtype=torch.bool)
+        last_seen: list[tuple[int, torch.Tensor, torch.Tensor]] = []
 
         # Memory from outside stays ordinary; what is made inside costs less.
         with torch.inference_mode():
@@ -79,14 +84,16 @@ class RolloutCollector(Collector):
             loop = zip(seen[:-1], deviation, action, places)
             for step, (observation, offset, act, place) in enumerate(loop):
                 torch.add(policy(observation), offset, out=act)
-                ended = robots.advance(act, place)
+                ends = robots.advance(act, place)
                 readings = robots.observe()
                 for in_key, key, write in self._writers:
                     write(readings[in_key], rows[step][key], rows[step + 1][key])
-                if ended is not None:
+                if ends is not None:
                     reward[rewarded : step + 1] = robots.gains(places[rewarded : step + 1])
                     rewarded = step + 1
-                    resets.append((step, ended, seen[step + 1, ended]))
+                    terminated[step, :, 0], truncated[step, :, 0] = ends
+                    ended = ends[0] | ends[1]
+                    last_seen.append((step, ended, seen[step + 1, ended]))
                     fresh = self.env.reset(TensorDict({"_reset": ended}, [robots.num_envs]))
                     for key in self._keys:
                         rows[step + 1][key][ended] = fresh[key][ended]
@@ -95,13 +102,12 @@ class RolloutCollector(Collector):
 
         for key in self._keys:
             self._carrier[key] = rows[-1][key].clone()
+        reward[terminated.squeeze(-1)] = 0.0
         following = seen[1:]
-        truncated = torch.zeros(*shape[:2], 1, dtype=torch.bool)
-        if resets:
+        if last_seen:  # a step that ends an episode is not followed by the state of the next
             following = following.clone()
-            for step, ended, last_seen in resets:
-                following[step, ended] = last_seen
-                truncated[step, ended] = True
+            for step, ended, observation in last_seen:
+                following[step, ended] = observation
         batch = TensorDict(
             {
                 **dict(zip(self._keys, seen[:-1].split(self._sizes, -1))),
@@ -110,9 +116,9 @@ class RolloutCollector(Collector):
                 "next": {
                     **dict(zip(self._keys, following.split(self._sizes, -1))),
                     "reward": reward.unsqueeze(-1),
-                    "done": truncated,
-                    "terminated": torch.zeros_like(truncated),
-                    "truncated": truncated.clone(),
+                    "done": terminated | truncated,
+                    "terminated": terminated,
+                    "truncated": truncated,
                 },
             },
             batch_size=shape[:2],
@@ -124,3 +130,16 @@ class RolloutCollector(Collector):
         """Of actions that are so many standard deviations away from the mean."""
         log_normaliser = 0.5 * math.log(2 * math.pi) + self._parameters.log_scale
         return -(0.5 * noise.square() + log_normaliser).sum(-1)
+
+    def state_dict(self) -> OrderedDict[str, Any]:
+        """Where it stands; the environment and the policy have states of their own."""
+        return OrderedDict(
+            frames=self._frames,
+            iter=self._iter,
+            seen={key: self._carrier[key] for key in self._keys},
+        )
+
+    def load_state_dict(self, state_dict: Mapping[str, Any], **kwargs: Any) -> None:
+        self._frames = state_dict["frames"]
+        self._iter = state_dict["iter"]
+        self._carrier.update(state_dict["seen"])

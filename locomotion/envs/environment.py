@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -35,12 +36,30 @@ OBSERVATIONS: dict[str, Callable[[Physics], torch.Tensor]] = {
 }
 
 
+@dataclasses.dataclass(frozen=True)
+class Divergence:
+    """A control step in which a simulation diverged.
+
+    Attributes:
+        robot: which one.
+        qpos: generalised positions before the step, shape ``(nq,)``.
+        qvel: generalised velocities before the step, shape ``(nv,)``.
+        action: hinge targets (rad) of the step, shape ``(hinges,)``.
+    """
+
+    robot: int
+    qpos: torch.Tensor
+    qvel: torch.Tensor
+    action: torch.Tensor
+
+
 class LocomotionEnv(EnvBase):
     """Many copies of a modular robot that are paid for walking away from where they started.
 
     The reward is ``d(t) - d(t - 1)`` with ``d`` the horizontal distance (m) of the core from its
-    place when the episode began. Episodes do not end unless ``time_limit`` is given. Each begins
-    with hinge targets drawn from U(-1, 1) rad and a while to settle.
+    place when the episode began. Episodes do not end unless ``time_limit`` is given or the simulation
+    diverges; then the step is ``terminated``, its reward 0, and its last observation the one before.
+    Each episode begins with hinge targets drawn from U(-1, 1) rad and a while to settle.
 
     The action is the hinges' targets (rad), clipped to [-1, 1] inside, in the order of
     :attr:`hinge_names`. Beside reward and done flags the environment writes
@@ -110,6 +129,7 @@ class LocomotionEnv(EnvBase):
         self._start = torch.zeros(num_envs, 2, dtype=torch.float64)
         self._distance = torch.zeros(num_envs, dtype=torch.float64)
         self._steps = torch.zeros(num_envs, dtype=torch.int64)
+        self._divergences: list[Divergence] = []
         self._observations = _chosen(observations)
         self._make_specs(num_envs, self.model.nu)
         self.set_seed(_random_seed() if seed is None else seed)
@@ -159,24 +179,29 @@ class LocomotionEnv(EnvBase):
         targets = torch.empty(self.action_spec.shape, dtype=torch.float64)
         targets.uniform_(-TARGET_LIMIT, TARGET_LIMIT, generator=self._generator)
         self._physics.reset(where)
-        self._physics.step(targets, self._settle_steps, where)
+        self._note(self._physics.step(targets, self._settle_steps, where), targets)
+        self._start_here(rows)
+        flags = dict(zip(("done", "terminated", "truncated"), self._flags()))
+        return TensorDict({**self.observe(), **flags}, batch_size=self.batch_size)
+
+    def _start_here(self, rows: torch.Tensor | slice) -> None:
         self._start[rows] = self._physics.qpos[rows, :2]
         self._distance[rows] = 0.0
         self._steps[rows] = 0
-        flags = dict(zip(("done", "terminated", "truncated"), self._flags()))
-        return TensorDict({**self.observe(), **flags}, batch_size=self.batch_size)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         place = torch.empty(1, self.num_envs, 2, dtype=torch.float64)
         done, terminated, truncated = self._flags()
-        ended = self.advance(tensordict.get("action"), place[0])
-        if ended is not None:
-            truncated[:, 0] = ended
-            done[:, 0] = ended
+        ends = self.advance(tensordict.get("action"), place[0])
+        reward = self.gains(place).T
+        if ends is not None:
+            terminated[:, 0], truncated[:, 0] = ends
+            torch.logical_or(terminated, truncated, out=done)
+            reward[terminated] = 0.0
         return TensorDict(
             {
                 **self.observe(),
-                "reward": self.gains(place).T,
+                "reward": reward,
                 "done": done,
                 "terminated": terminated,
                 "truncated": truncated,
@@ -184,7 +209,9 @@ class LocomotionEnv(EnvBase):
             batch_size=self.batch_size,
         )
 
-    def advance(self, action: torch.Tensor, place: torch.Tensor) -> torch.Tensor | None:
+    def advance(
+        self, action: torch.Tensor, place: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor] | None:
         """Takes a control step, for loops that compute rewards for many steps at a time.
 
         Args:
@@ -193,16 +220,67 @@ class LocomotionEnv(EnvBase):
                 ``(num_envs, 2)``. It is owed to :meth:`gains`, before the next reset.
 
         Returns:
-            Which robots have reached the time limit, bool of shape ``(num_envs,)``; ``None`` if none
-            has.
+            Whose simulation diverged, which ends the episode without a reward, and who has reached
+            the time limit, both bool of shape ``(num_envs,)``; ``None`` if nobody's episode ended.
         """
-        self._physics.step(action, self._substeps)
+        diverged = self._note(self._physics.step(action, self._substeps), action)
         place.copy_(self._physics.qpos[:, :2])
         if self._step_limit is None:
-            return None
+            return None if diverged is None else (diverged, torch.zeros_like(diverged))
         self._steps += 1
-        ended = self._steps >= self._step_limit
-        return ended if ended.any() else None
+        late = self._steps >= self._step_limit
+        if diverged is None:
+            return (torch.zeros_like(late), late) if late.any() else None
+        return diverged, late & ~diverged
+
+    def _note(self, diverged: torch.Tensor | None, control: torch.Tensor) -> torch.Tensor | None:
+        """Keeps what led robots to diverge."""
+        if diverged is not None:
+            for robot in diverged.nonzero().squeeze(-1).tolist():
+                qpos, qvel = self._physics.qpos[robot], self._physics.qvel[robot]
+                self._divergences.append(
+                    Divergence(robot, qpos.clone(), qvel.clone(), control[robot].clone())
+                )
+        return diverged
+
+    def take_divergences(self) -> list[Divergence]:
+        """What led robots to diverge since this was last asked, in the order of time."""
+        taken, self._divergences = self._divergences, []
+        return taken
+
+    def set_state(
+        self, qpos: torch.Tensor, qvel: torch.Tensor, where: torch.Tensor | None = None
+    ) -> None:
+        """Puts robots into a state, in which their episode begins.
+
+        Args:
+            qpos: generalised positions, shape ``(num_envs, nq)`` or what is broadcast to it.
+            qvel: generalised velocities, shape ``(num_envs, nv)`` likewise.
+            where: which robots, bool of shape ``(num_envs,)``; ``None`` means all.
+        """
+        rows = slice(None) if where is None else where
+        self._physics.qpos[rows] = qpos
+        self._physics.qvel[rows] = qvel
+        self._start_here(rows)
+
+    def get_extra_state(self) -> dict[str, torch.Tensor]:
+        """All that decides what comes next, for :meth:`~torch.nn.Module.state_dict`."""
+        return {
+            "qpos": self._physics.qpos.clone(),
+            "qvel": self._physics.qvel.clone(),
+            "start": self._start.clone(),
+            "distance": self._distance.clone(),
+            "steps": self._steps.clone(),
+            "generator": self._generator.get_state(),
+        }
+
+    def set_extra_state(self, state: dict[str, torch.Tensor]) -> None:
+        self._physics.qpos.copy_(state["qpos"])
+        self._physics.qvel.copy_(state["qvel"])
+        self._start.copy_(state["start"])
+        self._distance.copy_(state["distance"])
+        self._steps.copy_(state["steps"])
+        self._generator.set_state(state["generator"])
 
     def gains(self, places: torch.Tensor) -> torch.Tensor:
         """Rewards (m) of the control steps that led to places, one after the other.

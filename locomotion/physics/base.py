@@ -7,11 +7,15 @@ import abc
 import mujoco
 import torch
 
+#: Height of the core (m) above which a simulation has gone wrong: no robot gets there by itself.
+CEILING = 10.0
+
 
 class Physics(abc.ABC):
     """Many copies of one model, each with its own state.
 
-    Positions and velocities alone decide what comes next.
+    Positions and velocities alone decide what comes next. The model's first joint is a free one, that
+    of the robot's core.
 
     Attributes:
         model: the compiled model that all copies share.
@@ -45,14 +49,21 @@ class Physics(abc.ABC):
     @abc.abstractmethod
     def step(
         self, control: torch.Tensor, num_steps: int, where: torch.Tensor | None = None
-    ) -> None:
+    ) -> torch.Tensor | None:
         """Steps copies under a control that is held.
+
+        A copy diverges if MuJoCo gives its state up, if what comes out is not finite, or if its core
+        is more than :data:`CEILING` high. It is then left in the state that led there or, where that
+        was not one to step from, in the model's initial state.
 
         Args:
             control: for every copy, shape ``(num_envs, nu)``.
             num_steps: physics steps to take.
             where: which copies, bool of shape ``(num_envs,)``; the others stay as they are.
                 ``None`` means all.
+
+        Returns:
+            Which copies diverged, bool of shape ``(num_envs,)``; ``None`` if none did.
         """
 
     @abc.abstractmethod

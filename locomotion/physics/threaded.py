@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 
 import mujoco
@@ -9,7 +10,13 @@ import mujoco.rollout
 import numpy as np
 import torch
 
-from locomotion.physics.base import Physics
+from locomotion.physics.base import CEILING, Physics
+
+
+#: Columns of a full physics state: time, then positions, of which the third is the core's height.
+_TIME, _HEIGHT = 0, 3
+#: Every control step begins at this time (s). MuJoCo puts a state that it gives up back to time 0.
+_START_TIME = 1.0
 
 
 class ThreadedPhysics(Physics):
@@ -27,6 +34,8 @@ class ThreadedPhysics(Physics):
         size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         if size != 1 + model.nq + model.nv or model.nsensordata:
             raise ValueError("the model has sensors, or state beyond time, positions, velocities")
+        if model.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE:
+            raise ValueError("the model's first joint is not free")
         threads = threads or _usable_cores()
         self.model = model
         self.num_envs = num_envs
@@ -61,14 +70,15 @@ class ThreadedPhysics(Physics):
 
     def step(
         self, control: torch.Tensor, num_steps: int, where: torch.Tensor | None = None
-    ) -> None:
+    ) -> torch.Tensor | None:
         rows = slice(None) if where is None else where.numpy()
         start = self._state[rows]
         count = len(start)
         if count == 0 or num_steps == 0:
-            return
+            return None
         if self._states.shape[1] != num_steps:
             self._allocate(num_steps)
+        start[:, _TIME] = _START_TIME
         self._control[:count] = control.numpy()[rows, None]
         # All arrays are contiguous and have their shapes, which the skipped checks would establish.
         self._rollout.rollout(
@@ -81,7 +91,30 @@ class ThreadedPhysics(Physics):
             state=self._states[:count],
             sensordata=self._no_sensors[:count],
         )
-        self._state[rows] = self._states[:count, -1]
+        end = self._states[:count, -1]
+        diverged = None
+        if not (
+            math.isfinite(end.sum())
+            and end[:, _TIME].min() > _START_TIME
+            and end[:, _HEIGHT].max() <= CEILING
+        ):
+            diverged = np.zeros(self.num_envs, dtype=bool)
+            diverged[rows] = ~self._is_sound(end) | (end[:, _TIME] <= _START_TIME)
+            self._put_back(start, end, diverged[rows])
+        self._state[rows] = end
+        return None if diverged is None or not diverged.any() else torch.from_numpy(diverged)
+
+    def _put_back(self, start: np.ndarray, end: np.ndarray, diverged: np.ndarray) -> None:
+        """Replaces what diverged copies came to by where they were, or by the initial state."""
+        end[diverged] = start[diverged]
+        lost = diverged & ~self._is_sound(start)
+        end[lost] = 0.0
+        end[lost, 1 : 1 + self.model.nq] = self.model.qpos0
+
+    @staticmethod
+    def _is_sound(state: np.ndarray) -> np.ndarray:
+        with np.errstate(invalid="ignore"):
+            return np.isfinite(state).all(1) & (state[:, _HEIGHT] <= CEILING)
 
     def close(self) -> None:
         self._rollout.close()

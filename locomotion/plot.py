@@ -16,9 +16,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-
-class RunError(ValueError):
-    """A folder that is no run; the message is one line that names it."""
+from locomotion.runs import RunError
 
 
 def read_metrics(run: Path) -> np.ndarray:

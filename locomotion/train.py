@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,7 +53,13 @@ def train(config: Config, folder: Path) -> None:
     metrics = MetricsWriter(folder, config.logger)
 
     started = time.perf_counter()
-    progress = tqdm(total=config.ppo.iterations, desc=config.robot.name, unit="iteration")
+    # No bar without a terminal, nor beside other jobs, whose bars would write over one another.
+    progress = tqdm(
+        total=config.ppo.iterations,
+        desc=config.robot.name,
+        unit="iteration",
+        disable=True if parent_process() is not None else None,
+    )
     for iteration, batch in enumerate(collector):
         collected = time.perf_counter()
         learning_rate = ppo.schedule.get_last_lr()[0]
@@ -92,7 +99,7 @@ def train(config: Config, folder: Path) -> None:
     metrics.close()
     collector.shutdown()
     plot_learning_curves([folder], folder / "learning_curve.png")
-    print(folder)
+    print(f"{folder}: {mean_reward:.4f} m per action in the last iteration", flush=True)
 
 
 def make_env(config: Config) -> TransformedEnv:

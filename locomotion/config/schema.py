@@ -25,10 +25,14 @@ def _key(
     above: float | None = None,
     least: float | None = None,
     most: float | None = None,
+    free: bool = False,
 ) -> Any:
-    """A required key: what it means, and the range of its value (``None`` is not checked)."""
+    """A required key: what it means, and the range of its value (``None`` is not checked).
+
+    ``free`` says that a run has the same numbers whatever the value.
+    """
     limits = {"above": above, "least": least, "most": most}
-    return dataclasses.field(default=MISSING, metadata={"meaning": meaning, **limits})
+    return dataclasses.field(default=MISSING, metadata={"meaning": meaning, "free": free, **limits})
 
 
 class _Checked:
@@ -151,7 +155,7 @@ class PhysicsConfig(_Checked):
 
     timestep: float = _key("length of a physics step (s)", above=0, most=1)
     threads: int | None = _key(
-        "threads that step robots; null: one for each core", least=1, most=4096
+        "threads that step robots; null: one for each core", least=1, most=4096, free=True
     )
     stiffness: float = _key("of the hinges' servos (N·m/rad)", above=0, most=1000)
     damping: float = _key("of the hinges' servos (N·m·s/rad)", least=0, most=1000)
@@ -185,7 +189,7 @@ class LoggerConfig(_Checked):
 
     PREFIX = "logger."
 
-    backend: LoggerBackend = _key("csv: metrics.csv alone; tensorboard: event files too")
+    backend: LoggerBackend = _key("csv: metrics.csv alone; tensorboard: event files too", free=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -206,7 +210,7 @@ class Config(_Checked):
     ppo: PPOConfig = MISSING
     logger: LoggerConfig = MISSING
     seed: int = _key("of everything random", least=0, most=2**31 - 1)
-    checkpoint_interval: int = _key("iterations between checkpoints", least=1)
+    checkpoint_interval: int = _key("iterations between checkpoints", least=1, free=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,0 +1,116 @@
+"""The folder of a run: the configuration it was started with, and whether it is finished.
+
+Nothing here imports anything heavy, so that a whole sweep is checked before torch is loaded.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from locomotion.config import Config
+from locomotion.writing import replacing
+
+
+class RunError(ValueError):
+    """A folder that is no run, or not the one that is wanted; the message is one line that names it."""
+
+
+def record(folder: Path, **files: Any) -> None:
+    """Writes what a run is started with into ``.hydra/``, where Hydra would write it.
+
+    Hydra itself writes before it calls the job, so it would also write into the folder of a finished
+    run, which a sweep only skips.
+
+    Args:
+        folder: the run's folder.
+        files: for each file its name without ``.yaml`` and its content.
+    """
+    place = folder / ".hydra"
+    place.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        with replacing(place / f"{name}.yaml") as partial:
+            OmegaConf.save(content, partial)
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """The configuration that a run was started with, by keys such as ``ppo.gamma``.
+
+    Plain values: a run of another version may have keys that the schema has not.
+
+    Raises:
+        RunError: if there is none, or it cannot be read.
+    """
+    path = folder / ".hydra" / "config.yaml"
+    try:
+        content = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
+    except FileNotFoundError:
+        raise RunError(f"{folder} holds no .hydra/config.yaml, so it is no run's folder") from None
+    except (OSError, yaml.YAMLError, OmegaConfBaseException) as error:
+        raise RunError(f"{path} cannot be read: {' '.join(str(error).split())}") from error
+    if not isinstance(content, dict):
+        raise RunError(f"{path} holds no configuration")
+    return dict(_flat(content))
+
+
+def is_finished(folder: Path, config: Config) -> bool:
+    """Whether a folder holds the whole run of a configuration: all its rows, its last checkpoint.
+
+    If not, the run may start there. What an interrupted run left is then replaced.
+
+    Args:
+        folder: the run's folder, which need not exist.
+        config: the run that is wanted.
+
+    Raises:
+        RunError: if the folder holds a run of another configuration. Keys that do not change a run's
+            numbers may differ.
+    """
+    metrics = folder / "metrics.csv"
+    if not metrics.is_file():
+        return False
+    wanted = dict(_flat(OmegaConf.to_container(OmegaConf.structured(config), enum_to_str=True)))
+    found = read_record(folder)
+    for key in [*wanted, *(found.keys() - wanted.keys())]:
+        if key in free_keys() or (key in found and found[key] == wanted.get(key)):
+            continue
+        there = f"{key}={_shown(found[key])}" if key in found else f"no {key}"
+        asked = f"{key}={_shown(wanted[key])}" if key in wanted else f"no {key}"
+        raise RunError(f"{folder} holds a run with {there}; with {asked} it needs another folder")
+    with metrics.open() as lines:
+        rows = sum(line.endswith("\n") for line in lines) - 1
+    last = folder / "checkpoints" / f"{config.ppo.iterations:06d}.pt"
+    return rows == config.ppo.iterations and last.is_file()
+
+
+def free_keys() -> frozenset[str]:
+    """The keys of a configuration that do not change the numbers of a run, such as ``physics.threads``."""
+    return frozenset(_free(Config))
+
+
+def _free(schema: type, prefix: str = "") -> Iterator[str]:
+    types = typing.get_type_hints(schema)
+    for field in dataclasses.fields(schema):
+        if dataclasses.is_dataclass(types[field.name]):
+            yield from _free(types[field.name], f"{prefix}{field.name}.")
+        elif field.metadata.get("free"):
+            yield f"{prefix}{field.name}"
+
+
+def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in content.items():
+        if isinstance(value, dict) and value:
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _shown(value: Any) -> str:
+    return "null" if value is None else str(value)

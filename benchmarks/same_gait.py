@@ -13,23 +13,24 @@ import sys
 from pathlib import Path
 
 import torch
-from omegaconf import OmegaConf
 
 from benchmarks.ours import plain_model
 from locomotion.agents import make_actor
+from locomotion.checkpoints import Checkpoints
 from locomotion.config import Config, ConfigError, typed
 from locomotion.physics import ThreadedPhysics
+from locomotion.runs import RunError, read_config
 from locomotion.train import make_env, policy_keys
 
 NUM_ENVS, STEPS, WARM_UP = 256, 400, 50
 
 
-def walk(config: Config, actor_state: dict, fused: bool | None) -> tuple[float, float]:
+def walk(run: Path, config: Config, fused: bool | None) -> tuple[float, float]:
     """Mean reward per control step (m) of many robots, and its standard error.
 
     Args:
+        run: the run's folder, whose last checkpoint's policy walks.
         config: the run's configuration.
-        actor_state: weights of the run's actor.
         fused: with every module a body of its own or not, both without what training leaves out;
             ``None`` takes the model that training steps.
     """
@@ -41,7 +42,8 @@ def walk(config: Config, actor_state: dict, fused: bool | None) -> tuple[float, 
         model = plain_model(inner.task, fused)
         inner._physics = ThreadedPhysics(model, NUM_ENVS, config.physics.threads)
     actor = make_actor(env.observation_spec, env.action_spec, policy_keys(config))
-    actor.load_state_dict(actor_state)
+    if not Checkpoints(run, actor=actor).load_latest():
+        raise RunError(f"{run} holds no checkpoint")
     with torch.no_grad():
         reward = env.rollout(STEPS, actor)["next", "reward"]
     speeds = reward[:, WARM_UP:].mean((1, 2))
@@ -52,21 +54,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.same_gait", description=__doc__)
     parser.add_argument("run", type=Path, metavar="RUN", help="folder of a finished run")
     run = parser.parse_args().run
-    checkpoints = sorted((run / "checkpoints").glob("*.pt"))
-    if not checkpoints or not (run / ".hydra" / "config.yaml").is_file():
-        print(f"error: {run} holds no checkpoint of a run", file=sys.stderr)
-        sys.exit(2)
     try:
-        config = typed(Config, OmegaConf.load(run / ".hydra" / "config.yaml"))
-    except ConfigError as error:
-        print(f"error: {run}: {error}", file=sys.stderr)
+        config = typed(Config, read_config(run))
+        shipped, deviation = walk(run, config, None)
+    except (ConfigError, RunError) as error:
+        print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    state = torch.load(checkpoints[-1], weights_only=True)["actor"]
-    shipped, error = walk(config, state, None)
-    print(f"{config.robot.name}: {shipped:.4f} ± {error:.4f} m a step as trained")
+    print(f"{config.robot.name}: {shipped:.4f} ± {deviation:.4f} m a step as trained")
     for fused, name in ((True, "plain contacts"), (False, "plain contacts, nothing fused")):
-        speed, error = walk(config, state, fused)
-        print(f"{name}: {speed:.4f} ± {error:.4f} m, as trained / this {shipped / speed:.3f}")
+        speed, deviation = walk(run, config, fused)
+        print(f"{name}: {speed:.4f} ± {deviation:.4f} m, as trained / this {shipped / speed:.3f}")
 
 
 if __name__ == "__main__":

@@ -11,11 +11,12 @@ import dataclasses
 import functools
 import signal
 import sys
+import tempfile
 import typing
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import hydra
 import yaml
@@ -36,9 +37,17 @@ from locomotion.config import (
     conf_dir,
     explain_omegaconf,
     explain_yaml,
+    load,
     typed,
 )
-from locomotion.runs import RunError, is_finished, record
+from locomotion.runs import (
+    RunError,
+    RunStopped,
+    differences,
+    is_finished,
+    read_config,
+    record,
+)
 
 _HELP = """Modular robots learn to walk.
 
@@ -47,6 +56,7 @@ _HELP = """Modular robots learn to walk.
   python -m locomotion.train --multirun robot=gecko,ant +obs=hinges,history3 seed=0,1
   python -m locomotion.train --multirun +experiment=ablation    every run of Figures 2 and 3
   python -m locomotion.train --config-dir=FOLDER robot=NAME     your body, FOLDER/robot/NAME.yaml
+  python -m locomotion.train resume=FOLDER                go on with a run that was interrupted
 
 Parts, chosen by GROUP=OPTION (obs and experiment are added: +obs=OPTION)
 $APP_CONFIG_GROUPS
@@ -73,31 +83,90 @@ def launch(job: Callable[[Config, Path], None]) -> None:
     """
     _register()
     arguments = get_args_parser().parse_args()
-    if not (arguments.help or arguments.hydra_help or arguments.info or arguments.shell_completion):
-        _check(arguments)
-
-    def run(config: DictConfig) -> None:
-        details = HydraConfig.get()
-        folder = Path(details.runtime.output_dir)
-        try:
-            checked = typed(Config, config)
-            if is_finished(folder, checked):
-                print(f"{folder}: finished before, skipped", flush=True)
-                return
-            record(
-                folder, config=config, hydra={"hydra": details}, overrides=details.overrides.task
-            )
-            job(checked, folder)
-        except (ConfigError, RunError) as error:
-            _refuse(str(error))
-
+    if arguments.experimental_rerun is not None:
+        _refuse("--experimental-rerun runs what is in a file; use resume=FOLDER")
     # A launcher that runs jobs side by side takes them along when it is interrupted, not when killed.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
+        folder, overrides = _resumed(arguments.overrides)
+        if folder is not None:
+            _resume(job, folder, overrides, arguments.multirun)
+            return
+        informs = (arguments.help, arguments.hydra_help, arguments.info, arguments.shell_completion)
+        if not any(informs):
+            _check(arguments)
+
+        def run(config: DictConfig) -> None:
+            details = HydraConfig.get()
+            folder = Path(details.runtime.output_dir)
+            overrides = details.overrides.task
+            files = {"config": config, "hydra": {"hydra": details}, "overrides": overrides}
+            _run(job, typed(Config, config), folder, files)
+
         hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name="config")(run)()
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+    except (ConfigError, RunError) as error:
+        _refuse(str(error))
+    except KeyboardInterrupt as error:
+        print(str(error) or "interrupted", file=sys.stderr)
         sys.exit(130)
+
+
+def _run(
+    job: Callable[[Config, Path], None], config: Config, folder: Path, files: Mapping[str, Any]
+) -> None:
+    """Runs a job unless that was done before; ``files`` is what to record of it."""
+    try:
+        if is_finished(folder, config):
+            print(f"{folder}: finished before, skipped", flush=True)
+            return
+        record(folder, **files)
+        job(config, folder)
+    except (ConfigError, RunError) as error:
+        _refuse(str(error))
+    except RunStopped as error:
+        _refuse(str(error), status=1)
+    except OSError as error:
+        _refuse(f"{error.filename or folder}: {error.strerror or error}", status=1)
+
+
+def _resumed(overrides: list[str]) -> tuple[Path | None, list[str]]:
+    """The folder that ``resume=FOLDER`` names, if it is there, and the other overrides."""
+    folders = [text.partition("=")[2] for text in overrides if text.startswith("resume=")]
+    others = [text for text in overrides if not text.startswith("resume=")]
+    if len(folders) > 1:
+        raise ConfigError("resume names several folders; a command goes on with one run")
+    return (Path(folders[0]) if folders else None), others
+
+
+def _resume(
+    job: Callable[[Config, Path], None], folder: Path, overrides: list[str], multirun: bool
+) -> None:
+    """Goes on with the run in a folder, in which only what leaves its numbers alone may change."""
+    if multirun:
+        raise ConfigError("resume=FOLDER goes on with one run; a sweep goes on when started again")
+    unchanged = read_config(folder)
+    saved = OmegaConf.create(unchanged)
+    before = typed(Config, saved).ppo.iterations
+    with _explained(overrides):
+        parsed = OverridesParser.create().parse_overrides(overrides)
+    for override in parsed:
+        key, value = override.key_or_group, override.value()
+        if override.is_sweep_override() or override.is_delete() or key.startswith("hydra"):
+            raise ConfigError(f"{override.input_line} has no meaning beside resume=FOLDER")
+        if key in {field.name for field in dataclasses.fields(Config)} and isinstance(value, str):
+            value = OmegaConf.structured(load(f"{key}/{value}"))
+        OmegaConf.update(saved, key, value, merge=True, force_add=True)
+    config = typed(Config, saved)
+    for key, (there, asked) in differences(folder, config).items():
+        if key != "ppo.iterations":
+            raise ConfigError(f"{asked} would change the run in {folder}, which has {there}")
+    if config.ppo.iterations < before:
+        raise ConfigError(
+            f"ppo.iterations={config.ppo.iterations} must be at least the {before} of the run"
+        )
+    _require_writable(folder)
+    record(folder, config=saved)
+    _run(job, config, folder, {})
 
 
 def compose(*overrides: str) -> Config:
@@ -123,8 +192,32 @@ def _compose(overrides: Sequence[str], number: int | None = None) -> tuple[Confi
                 folder = Path(config.hydra.run.dir)
             else:
                 folder = Path(config.hydra.sweep.dir, config.hydra.sweep.subdir)
+            _refuse_code(OmegaConf.to_container(config.hydra, resolve=False), "hydra")
             del config["hydra"]
         return typed(Config, config), folder
+
+
+def _refuse_code(content: Any, place: str) -> None:
+    """Raises a :class:`ConfigError` if Hydra's part of a configuration names code that is not Hydra's.
+
+    Hydra calls what ``_target_`` names, Python's logging what ``()`` and ``class`` name, and a process
+    is told by its environment what to load. A configuration may come from a stranger.
+    """
+    if isinstance(content, list):
+        content = dict(enumerate(content))
+    for key, value in content.items() if isinstance(content, dict) else ():
+        allowed = {
+            "_target_": ("hydra._internal.core_plugins.", "hydra_plugins."),
+            "class": ("logging.",),
+            "()": (),
+            "env_set": (),
+        }.get(key)
+        if allowed is not None and value and not str(value).startswith(allowed):
+            from_where = ", ".join(f"{start}*" for start in allowed) or "nothing"
+            raise ConfigError(
+                f"{place}.{key}={value} is not run from a configuration: {from_where} is"
+            )
+        _refuse_code(value, f"{place}.{key}")
 
 
 @functools.cache
@@ -158,8 +251,19 @@ def _check(arguments: argparse.Namespace) -> None:
             taken.add(folder)
             if not arguments.cfg:
                 is_finished(folder, config)
+                _require_writable(folder)
     except (ConfigError, RunError) as error:
         _refuse(str(error))
+
+
+def _require_writable(folder: Path) -> None:
+    """Raises a :class:`RunError` if nothing can be written to a folder, which need not exist yet."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise RunError(f"{folder} cannot be written: {error.strerror}") from error
 
 
 def _split(overrides: list[str], multirun: bool) -> list[list[str]] | None:
@@ -232,6 +336,6 @@ def _help_template() -> str:
     return _HELP.format(keys="\n".join(f"  {key:{width}}  {meaning}" for key, meaning in keys))
 
 
-def _refuse(message: str) -> NoReturn:
+def _refuse(message: str, status: int = 2) -> NoReturn:
     print(f"error: {message}", file=sys.stderr)
-    sys.exit(2)
+    sys.exit(status)

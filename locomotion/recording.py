@@ -1,54 +1,93 @@
-"""What a run leaves behind: one row of metrics an iteration, and checkpoints."""
+"""What a run reports while it goes on: one row of metrics an iteration."""
 
 from __future__ import annotations
 
+import errno
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
-import torch
+import numpy as np
 
 from locomotion.config import LoggerBackend, LoggerConfig
+from locomotion.envs import Divergence
+from locomotion.runs import RunError
+from locomotion.writing import replacing
 
 
 class MetricsWriter:
-    """Appends rows to ``metrics.csv``, each on disk before the next iteration starts.
+    """Appends rows to ``metrics.csv``, each whole or not at all.
 
     Args:
         folder: the run's folder.
         config: where else metrics go.
+        rows: how many rows to keep of those that are there; the others are removed.
+        frames: how many frames are behind them.
+
+    Raises:
+        RunError: if there are fewer rows.
     """
 
-    def __init__(self, folder: Path, config: LoggerConfig) -> None:
-        self._file = (folder / "metrics.csv").open("w")
+    def __init__(self, folder: Path, config: LoggerConfig, rows: int = 0, frames: int = 0) -> None:
+        path = folder / "metrics.csv"
         self._columns: list[str] | None = None
+        if rows:
+            lines = path.read_bytes().splitlines(keepends=True) if path.is_file() else []
+            if len(lines) < 1 + rows or not lines[rows].endswith(b"\n"):
+                raise RunError(f"{path} has lost rows: the checkpoint was written after {rows}")
+            self._columns = lines[0].decode().strip().split(",")
+            with replacing(path) as partial:
+                partial.write_bytes(b"".join(lines[: 1 + rows]))
+        # Without a buffer, whose content would be tried again when the file is closed.
+        self._file = path.open("ab" if rows else "wb", buffering=0)
         self._logger = None
         if config.backend is LoggerBackend.tensorboard:
             from torchrl.record.loggers.tensorboard import TensorboardLogger
 
             self._logger = TensorboardLogger(exp_name="tensorboard", log_dir=str(folder))
+            if rows:  # hides what the run had logged after the checkpoint
+                self._logger.experiment.close()
+                self._logger.experiment.purge_step = frames + 1
 
     def write(self, row: Mapping[str, float]) -> None:
         """Adds one row; the first one decides the columns."""
+        line = ",".join(f"{row[column]:.9g}" for column in self._columns or row) + "\n"
         if self._columns is None:
             self._columns = list(row)
-            self._file.write(",".join(self._columns) + "\n")
-        self._file.write(",".join(f"{row[column]:.9g}" for column in self._columns) + "\n")
-        self._file.flush()
+            line = ",".join(self._columns) + "\n" + line
+        whole = self._file.tell()
+        try:
+            if self._file.write(line.encode()) < len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), self._file.name)
+        except OSError as error:
+            self._file.truncate(whole)
+            error.filename = error.filename or self._file.name
+            raise
         if self._logger is not None:
             self._logger.log_metrics(dict(row), step=int(row["frames"]))
+
+    def sync(self) -> None:
+        """Makes sure that all rows are on the disk."""
+        os.fsync(self._file.fileno())
 
     def close(self) -> None:
         self._file.close()
 
 
-def save_checkpoint(path: Path, state: Mapping[str, Any]) -> None:
-    """Writes a checkpoint whole or not at all."""
+def save_divergences(folder: Path, iteration: int, divergences: Iterable[Divergence]) -> Path:
+    """Writes the states that led robots to diverge to ``diverged/ITERATION.npz``.
+
+    The file holds ``robot``, ``qpos``, ``qvel`` and ``action``, a row for each robot, to be put back
+    with :meth:`~locomotion.envs.LocomotionEnv.set_state`.
+    """
+    path = folder / "diverged" / f"{iteration:06d}.npz"
     path.parent.mkdir(exist_ok=True)
-    partial = path.with_suffix(".partial")
-    with partial.open("wb") as file:
-        torch.save(dict(state), file)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    with replacing(path) as partial:
+        np.savez(
+            partial,
+            robot=[divergence.robot for divergence in divergences],
+            qpos=np.stack([divergence.qpos for divergence in divergences]),
+            qvel=np.stack([divergence.qvel for divergence in divergences]),
+            action=np.stack([divergence.action for divergence in divergences]),
+        )
+    return path

@@ -23,6 +23,10 @@ class RunError(ValueError):
     """A folder that is no run, or not the one that is wanted; the message is one line that names it."""
 
 
+class RunStopped(RuntimeError):
+    """A run that cannot go on, such as with a full disk; the message is one line that says why."""
+
+
 def record(folder: Path, **files: Any) -> None:
     """Writes what a run is started with into ``.hydra/``, where Hydra would write it.
 
@@ -40,8 +44,8 @@ def record(folder: Path, **files: Any) -> None:
             OmegaConf.save(content, partial)
 
 
-def read_record(folder: Path) -> dict[str, Any]:
-    """The configuration that a run was started with, by keys such as ``ppo.gamma``.
+def read_config(folder: Path) -> dict[str, Any]:
+    """The configuration that a run was started with.
 
     Plain values: a run of another version may have keys that the schema has not.
 
@@ -53,17 +57,26 @@ def read_record(folder: Path) -> dict[str, Any]:
         content = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
     except FileNotFoundError:
         raise RunError(f"{folder} holds no .hydra/config.yaml, so it is no run's folder") from None
-    except (OSError, yaml.YAMLError, OmegaConfBaseException) as error:
+    except (OSError, ValueError, yaml.YAMLError, OmegaConfBaseException) as error:
         raise RunError(f"{path} cannot be read: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict):
         raise RunError(f"{path} holds no configuration")
-    return dict(_flat(content))
+    return content
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """The configuration that a run was started with, by keys such as ``ppo.gamma``.
+
+    Raises:
+        RunError: if there is none, or it cannot be read.
+    """
+    return dict(_flat(read_config(folder)))
 
 
 def is_finished(folder: Path, config: Config) -> bool:
-    """Whether a folder holds the whole run of a configuration: all its rows, its last checkpoint.
+    """Whether a folder holds the whole run of a configuration: rows, last checkpoint, picture.
 
-    If not, the run may start there. What an interrupted run left is then replaced.
+    If not, the run may start there, or go on with what an interrupted one left.
 
     Args:
         folder: the run's folder, which need not exist.
@@ -76,18 +89,37 @@ def is_finished(folder: Path, config: Config) -> bool:
     metrics = folder / "metrics.csv"
     if not metrics.is_file():
         return False
-    wanted = dict(_flat(OmegaConf.to_container(OmegaConf.structured(config), enum_to_str=True)))
-    found = read_record(folder)
-    for key in [*wanted, *(found.keys() - wanted.keys())]:
-        if key in free_keys() or (key in found and found[key] == wanted.get(key)):
-            continue
-        there = f"{key}={_shown(found[key])}" if key in found else f"no {key}"
-        asked = f"{key}={_shown(wanted[key])}" if key in wanted else f"no {key}"
+    for there, asked in differences(folder, config).values():
         raise RunError(f"{folder} holds a run with {there}; with {asked} it needs another folder")
     with metrics.open() as lines:
         rows = sum(line.endswith("\n") for line in lines) - 1
-    last = folder / "checkpoints" / f"{config.ppo.iterations:06d}.pt"
-    return rows == config.ppo.iterations and last.is_file()
+    last = folder / "checkpoints" / f"{config.ppo.iterations:06d}.ckpt"
+    picture = folder / "learning_curve.png"
+    return rows == config.ppo.iterations and last.is_file() and picture.is_file()
+
+
+def differences(folder: Path, config: Config) -> dict[str, tuple[str, str]]:
+    """In what the run in a folder differs from a configuration: by key, what is there and asked for.
+
+    Keys that do not change a run's numbers are left out.
+
+    Raises:
+        RunError: if the folder is no run's.
+    """
+    wanted = dict(_flat(OmegaConf.to_container(OmegaConf.structured(config), enum_to_str=True)))
+    found = read_record(folder)
+    free = free_keys()
+
+    def shown(values: Mapping[str, Any], key: str) -> str:
+        if key not in values:
+            return f"no {key}"
+        return f"{key}={'null' if values[key] is None else values[key]}"
+
+    return {
+        key: (shown(found, key), shown(wanted, key))
+        for key in [*wanted, *(found.keys() - wanted.keys())]
+        if key not in free and shown(found, key) != shown(wanted, key)
+    }
 
 
 def free_keys() -> frozenset[str]:
@@ -110,7 +142,3 @@ def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
             yield from _flat(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
-
-
-def _shown(value: Any) -> str:
-    return "null" if value is None else str(value)

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 
 from locomotion.cli import launch
 from locomotion.config import Config
+from locomotion.interruption import WishToStop
+from locomotion.runs import RunStopped
 
 if TYPE_CHECKING:
     from torchrl.collectors import Collector
@@ -26,22 +28,33 @@ if TYPE_CHECKING:
 def train(config: Config, folder: Path) -> None:
     """Trains a policy and leaves metrics, checkpoints and a learning curve in a folder.
 
+    A run that was interrupted goes on from its last checkpoint, and ends as if it never had been.
+
     Args:
         config: the run.
-        folder: where its output goes; must exist.
+        folder: where its output goes; must exist, and hold no run of another configuration.
+
+    Raises:
+        RunError: if what is there cannot be gone on from.
+        RunStopped: if the run cannot go on.
+        KeyboardInterrupt: if it was asked to stop, with the iteration it stopped after; it is saved.
     """
     # dm-control turns such warnings on for everyone; these are TorchRL's, about parts of its own.
     warnings.filterwarnings("ignore", "Creating .*WeightUpdaterBase is deprecated")
     # Importing these takes seconds, so they wait until the configuration has been checked.
     import torch
+    from absl import logging as absl_logging
     from torchrl import torchrl_logger
+    from torchrl.checkpoint import GlobalRNGState
     from tqdm import tqdm
 
     from locomotion.agents import PPO, make_actor, make_critic
-    from locomotion.plot import plot_learning_curves
-    from locomotion.recording import MetricsWriter, save_checkpoint
+    from locomotion.checkpoints import Checkpoints
+    from locomotion.plot import plot_learning_curves, read_metrics
+    from locomotion.recording import MetricsWriter, save_divergences
 
     torchrl_logger.setLevel("WARNING")
+    absl_logging.set_verbosity("error")  # MuJoCo's warnings; what diverges is recorded below
     torch.set_num_threads(1)  # for networks this small a second one takes more than it gives
     torch.manual_seed(config.seed)
     env = make_env(config)
@@ -50,56 +63,77 @@ def train(config: Config, folder: Path) -> None:
     frames = config.env.num_envs * config.ppo.steps
     collector = make_collector(config, env, actor)
     ppo = PPO(actor, critic, env.action_spec.shape[-1], frames, config.ppo)
-    metrics = MetricsWriter(folder, config.logger)
+    checkpoints = Checkpoints(
+        folder,
+        actor=actor,
+        critic=critic,
+        ppo=ppo,
+        robots=env.base_env,
+        transforms=env.transform,
+        collector=collector,
+        random=GlobalRNGState(),
+    )
+    checkpoints.remove_partial()
+    completed = checkpoints.load_latest()
+    metrics = MetricsWriter(folder, config.logger, completed, completed * frames)
 
-    started = time.perf_counter()
     # No bar without a terminal, nor beside other jobs, whose bars would write over one another.
     progress = tqdm(
         total=config.ppo.iterations,
+        initial=completed,
         desc=config.robot.name,
         unit="iteration",
         disable=True if parent_process() is not None else None,
     )
-    for iteration, batch in enumerate(collector):
-        collected = time.perf_counter()
-        learning_rate = ppo.schedule.get_last_lr()[0]
-        losses = ppo.update(batch)
-        collector.update_policy_weights_()
-        finished = time.perf_counter()
-        mean_reward = batch["next", "reward"].mean().item()
-        metrics.write(
-            {
-                "iteration": iteration,
-                "frames": (iteration + 1) * frames,
-                "mean_reward": mean_reward,
-                "mean_value": batch["state_value"].mean().item(),
-                **{name: value.item() for name, value in losses.items()},
-                "actor_lr": learning_rate,
-                "collect_seconds": collected - started,
-                "update_seconds": finished - collected,
-            }
-        )
-        progress.set_postfix(
-            reward=f"{mean_reward:.4f} m", fps=f"{frames / (finished - started):.0f}", refresh=False
-        )
-        progress.update()
-        completed = iteration + 1
-        if completed % config.checkpoint_interval == 0 or completed == config.ppo.iterations:
-            save_checkpoint(
-                folder / "checkpoints" / f"{completed:06d}.pt",
+    with progress, WishToStop() as wish:
+        started = time.perf_counter()
+        for batch in collector:
+            collected = time.perf_counter()
+            learning_rate = ppo.optimizer.param_groups[0]["lr"]
+            try:
+                losses = ppo.update(batch)
+            except FloatingPointError as error:
+                last = max((folder / "checkpoints").glob("*.ckpt"), default="none")
+                raise RunStopped(
+                    f"{error} in iteration {completed}; the last good checkpoint is {last}"
+                ) from error
+            collector.update_policy_weights_()
+            finished = time.perf_counter()
+            divergences = env.base_env.take_divergences()
+            if divergences:
+                save_divergences(folder, completed, divergences)
+            mean_reward = batch["next", "reward"].mean().item()
+            metrics.write(
                 {
                     "iteration": completed,
-                    "actor": actor.state_dict(),
-                    "critic": critic.state_dict(),
-                    "optimizer": ppo.optimizer.state_dict(),
-                },
+                    "frames": (completed + 1) * frames,
+                    "mean_reward": mean_reward,
+                    "mean_value": batch["state_value"].mean().item(),
+                    **{name: value.item() for name, value in losses.items()},
+                    "actor_lr": learning_rate,
+                    "diverged": len(divergences),
+                    "collect_seconds": collected - started,
+                    "update_seconds": finished - collected,
+                }
             )
-        started = time.perf_counter()
-    progress.close()
+            fps = frames / (finished - started)
+            progress.set_postfix(reward=f"{mean_reward:.4f} m", fps=f"{fps:.0f}", refresh=False)
+            progress.update()
+            completed += 1
+            over = completed == config.ppo.iterations
+            if completed % config.checkpoint_interval == 0 or over or wish.came:
+                metrics.sync()
+                checkpoints.save(completed)
+            if wish.came and not over:
+                raise KeyboardInterrupt(
+                    f"stopped after {completed} iterations; resume={folder} goes on"
+                )
+            started = time.perf_counter()
     metrics.close()
     collector.shutdown()
     plot_learning_curves([folder], folder / "learning_curve.png")
-    print(f"{folder}: {mean_reward:.4f} m per action in the last iteration", flush=True)
+    mean_reward = read_metrics(folder)["mean_reward"][-10:].mean()
+    print(f"{folder}: {mean_reward:.4f} m per action in the last ten iterations", flush=True)
 
 
 def make_env(config: Config) -> TransformedEnv:

@@ -23,7 +23,8 @@ def finish(folder, *overrides):
     rows = [f"{iteration},0.1\n" for iteration in range(config.ppo.iterations)]
     (folder / "metrics.csv").write_text("".join(["iteration,mean_reward\n", *rows]))
     (folder / "checkpoints").mkdir()
-    (folder / "checkpoints" / f"{config.ppo.iterations:06d}.pt").touch()
+    (folder / "checkpoints" / f"{config.ppo.iterations:06d}.ckpt").touch()
+    (folder / "learning_curve.png").touch()
 
 
 def refused(monkeypatch, capsys, *arguments):
@@ -59,9 +60,9 @@ def test_a_sweep_goes_on_with_what_is_not_finished(tmp_path):
     torn = tmp_path / "sweeps" / "ablation" / "stick-history3-seed4"
     first = sweep()
     assert [line.split(": ")[0] for line in first] == [str(whole), str(torn)]
-    assert all("m per action in the last iteration" in line for line in first)
+    assert all("m per action in the last ten iterations" in line for line in first)
 
-    (torn / "checkpoints" / "000002.pt").unlink()
+    (torn / "checkpoints" / "000002.ckpt").unlink()
     before, torn_before = state(whole), state(torn)
     assert sweep() == [f"{whole}: finished before, skipped", first[1]]
     assert state(whole) == before
@@ -73,7 +74,7 @@ def test_a_run_is_finished_with_all_rows_and_the_last_checkpoint(tmp_path):
     assert not is_finished(tmp_path, config)
     finish(tmp_path, "ppo.iterations=3")
     assert is_finished(tmp_path, config)
-    for name in ("metrics.csv", "checkpoints/000003.pt"):
+    for name in ("metrics.csv", "checkpoints/000003.ckpt", "learning_curve.png"):
         content = (tmp_path / name).read_bytes()
         if content:
             (tmp_path / name).write_bytes(content[:-1])  # the last line is still being written

@@ -7,12 +7,14 @@ import zipfile
 from pathlib import Path
 
 import pytest
-import torch
 from omegaconf import OmegaConf
 
 from locomotion import cli
+from locomotion.agents import make_actor
+from locomotion.checkpoints import Checkpoints
 from locomotion.cli import compose
-from locomotion.config import load
+from locomotion.config import Config, load, typed
+from locomotion.train import make_env, policy_keys
 
 ROOT = Path(__file__).parents[1]
 SMALL = ["env.num_envs=3", "ppo.steps=4", "ppo.minibatch_size=6", "ppo.iterations=2"]
@@ -55,13 +57,11 @@ def test_a_run_leaves_metrics_checkpoints_and_a_picture(sweep):
         metrics = rows(run)
         assert list(metrics[0])[:4] == ["iteration", "frames", "mean_reward", "mean_value"]
         assert [row["frames"] for row in metrics] == ["12", "24"]
-        checkpoint = torch.load(run / "checkpoints" / "000002.pt", weights_only=True)
-        encoders = [
-            weight.shape[1]
-            for key, weight in checkpoint["actor"].items()
-            if "encoders" in key and key.endswith("weight")
-        ]
-        assert encoders == actor_inputs
+        config = typed(Config, OmegaConf.load(run / ".hydra" / "config.yaml"))
+        env = make_env(config)
+        actor = make_actor(env.observation_spec, env.action_spec, policy_keys(config))
+        assert Checkpoints(run, actor=actor).load_latest() == 2
+        assert [encoder.in_features for encoder in actor.module[0].net.encoders] == actor_inputs
         assert (run / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
         assert list((run / "tensorboard").glob("events*"))
         assert OmegaConf.load(run / ".hydra" / "config.yaml").robot.name == "stick"

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
@@ -83,6 +86,9 @@ class PPO:
 
         Returns:
             Losses and diagnostics, each the mean over all gradient steps.
+
+        Raises:
+            FloatingPointError: if a loss or a weight is no longer a finite number.
         """
         # Where nothing was reset, a next state is the state of the next step, and one pass of the
         # critic evaluates both.
@@ -92,12 +98,37 @@ class PPO:
         self.buffer.extend(batch.select(*self._learned_from).reshape(-1))
         losses = [self._step(minibatch) for _ in range(self.epochs) for minibatch in self.buffer]
         self.schedule.step()
+        for group in self.optimizer.param_groups:
+            _require_finite("a weight", *(parameter.sum() for parameter in group["params"]))
         return torch.stack(losses).mean(0)
 
     def _step(self, minibatch: TensorDictBase) -> TensorDict:
         losses = self.loss(minibatch)
         total = losses["loss_objective"] + losses["loss_entropy"] + losses["loss_critic"]
+        _require_finite("the loss", total)
         self.optimizer.zero_grad()
         total.backward()
         self.optimizer.step()
         return losses.detach()
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that it knows beside the networks."""
+        return {
+            "optimizer": self.optimizer.state_dict(),
+            "sampler": self.buffer.sampler.state_dict(),
+            "updates": self.schedule.last_epoch,
+        }
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
+        """Goes on from a state; learning rates are those of this schedule at that point."""
+        self.optimizer.load_state_dict(state_dict["optimizer"])
+        self.buffer.sampler.load_state_dict(state_dict["sampler"])
+        self.schedule.last_epoch = state_dict["updates"]
+        schedule = zip(self.schedule.base_lrs, self.schedule.lr_lambdas, strict=True)
+        for group, (rate, factor) in zip(self.optimizer.param_groups, schedule, strict=True):
+            group["lr"] = rate * factor(self.schedule.last_epoch)
+
+
+def _require_finite(name: str, *values: torch.Tensor) -> None:
+    if not torch.stack(values).isfinite().all():
+        raise FloatingPointError(f"{name} is no longer a finite number")

@@ -19,6 +19,8 @@ def explain_omegaconf(error: OmegaConfBaseException, prefix: str = "") -> str:
     """
     key = f"{prefix}{error.full_key}"
     if isinstance(error, (ConfigAttributeError, ConfigKeyError)):
+        if not dataclasses.is_dataclass(error.object_type):  # Hydra's own part
+            return f"{key} is no key"
         known = [field.name for field in dataclasses.fields(error.object_type)]
         parent, dot, name = key.rpartition(".")
         close = difflib.get_close_matches(name, known, n=1)

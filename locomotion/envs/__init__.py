@@ -1,6 +1,6 @@
 """What a robot is paid for: walking away from where it started."""
 
-from locomotion.envs.environment import LocomotionEnv
+from locomotion.envs.environment import Divergence, LocomotionEnv
 from locomotion.envs.task import WalkAway
 
-__all__ = ["LocomotionEnv", "WalkAway"]
+__all__ = ["Divergence", "LocomotionEnv", "WalkAway"]

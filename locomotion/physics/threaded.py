@@ -12,7 +12,6 @@ import torch
 
 from locomotion.physics.base import CEILING, Physics
 
-
 #: Columns of a full physics state: time, then positions, of which the third is the core's height.
 _TIME, _HEIGHT = 0, 3
 #: Every control step begins at this time (s). MuJoCo puts a state that it gives up back to time 0.

@@ -1,78 +1,125 @@
-"""Learning curves: ``python -m locomotion.plot RUN [RUN ...]``.
+"""Learning curves: ``python -m locomotion.plot RUN ...``, or ``figure2 SWEEP`` and ``figure3 SWEEP``.
 
-Reads the ``metrics.csv`` of runs, also while they go on.
+Reads the ``metrics.csv`` of runs, also while they go on, and says what they are from their own
+configuration, so folders can have any names.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
+from matplotlib.figure import Figure
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
-import numpy as np
+from locomotion.plots.curves import (
+    REPORT,
+    Curve,
+    find_runs,
+    read_csv,
+    read_metrics,
+    read_run,
+    read_sweep,
+)
+from locomotion.plots.figures import figure2, figure3, learning_curves, save
+from locomotion.runs import RunError, free_keys, read_record
 
-from locomotion.runs import RunError
-
-
-def read_metrics(run: Path) -> np.ndarray:
-    """The rows of a run's ``metrics.csv``, as a structured array with the columns' names.
-
-    Raises:
-        RunError: if there is none, or it has no row yet.
-    """
-    path = run / "metrics.csv"
-    if not path.is_file():
-        raise RunError(f"{run} holds no metrics.csv, so it is no run's folder")
-    with path.open() as lines:
-        complete = [line for line in lines if line.endswith("\n")]
-    if len(complete) < 2:
-        raise RunError(f"{path} has no row yet")
-    return np.atleast_1d(np.genfromtxt(complete, delimiter=",", names=True))
+FIGURES = {"figure2": figure2, "figure3": figure3}
 
 
-def plot_learning_curves(runs: Sequence[Path], target: Path) -> None:
-    """Draws mean reward and mean value over the iterations of some runs into one picture.
-
-    Args:
-        runs: the runs' folders.
-        target: picture to write; its ending chooses the format.
+def compare(places: Sequence[Path], reference: Sequence[Curve]) -> Figure:
+    """The curves of any runs, with the reference's for the same robots and observations.
 
     Raises:
-        RunError: if a folder is no run.
+        RunError: if a folder holds no run, or a run has no row yet.
     """
-    curves = [(str(run), read_metrics(run)) for run in runs]
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    for name, curve in curves:
-        axes[0].plot(curve["iteration"], curve["mean_reward"], label=name)
-        axes[1].plot(curve["iteration"], curve["mean_value"], label=name)
-    axes[0].set(xlabel="iteration", ylabel="mean reward per action (m)")
-    axes[1].set(xlabel="iteration", ylabel="mean value (m)")
-    for axis in axes:
-        axis.grid(alpha=0.3)
-    if len(runs) > 1:
-        axes[0].legend(fontsize="small")
-    figure.savefig(target, dpi=120)
-    plt.close(figure)
+    runs = list(dict.fromkeys(run for place in places for run in find_runs(place)))
+    metrics = {label: read_metrics(run) for label, run in zip(labels(runs), runs, strict=True)}
+    settings = set()
+    if reference:
+        curves = map(read_run, runs)
+        settings = {(curve.robot, curve.observations) for curve in curves}
+    known = [curve for curve in reference if (curve.robot, curve.observations) in settings]
+    return learning_curves(metrics, known)
+
+
+def labels(runs: Sequence[Path]) -> list[str]:
+    """What tells some runs apart: robot, observations, seed, and other keys where they differ.
+
+    A run that has no configuration, or is not told apart by it, has its folder.
+    """
+    records = []
+    for run in runs:
+        try:
+            records.append((str(read_run(run)), read_record(run)))
+        except RunError:
+            records.append((str(run), {}))
+    told = ("seed", "robot.", "obs.")
+    keys = dict.fromkeys(key for _, record in records for key in record)
+    differing = [
+        key
+        for key in keys
+        if key not in free_keys()
+        and not key.startswith(told)
+        and len({str(record.get(key)) for _, record in records if record}) > 1
+    ]
+    found = [
+        ", ".join([name, *(f"{key}={record[key]}" for key in differing if key in record)])
+        for name, record in records
+    ]
+    count = Counter(found)
+    return [
+        name if count[name] == 1 or name == str(run) else f"{name} ({run})"
+        for name, run in zip(found, runs, strict=True)
+    ]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
-        prog="python -m locomotion.plot", description="Draws the learning curves of runs."
+        prog="python -m locomotion.plot",
+        usage="%(prog)s [figure2 | figure3] FOLDER ... [--reference [FILE] | --no-reference] "
+        "[--output PICTURE]",
+        description="Draws the learning curves of runs beside each other, or those of a sweep as one of"
+        " the report's figures: mean and 95% confidence interval over seeds.",
     )
-    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="folder of a run")
-    parser.add_argument("--output", type=Path, default=Path("learning_curves.png"))
+    parser.add_argument(
+        "what", nargs="+", metavar="FOLDER", help="a run, or a folder with runs anywhere below it"
+    )
+    parser.add_argument(
+        "--reference",
+        nargs="?",
+        type=Path,
+        const=REPORT,
+        metavar="FILE",
+        help="dashed beside them: the report's curves, or those of a CSV file; figures have the report's",
+    )
+    parser.add_argument(
+        "--no-reference", action="store_true", help="leaves the report's curves out of its figures"
+    )
+    parser.add_argument("--output", type=Path, metavar="PICTURE")
     arguments = parser.parse_args()
+    name, *folders = arguments.what
+    draw = FIGURES.get(name)
     try:
-        plot_learning_curves(arguments.runs, arguments.output)
+        if draw is None:
+            folders, name = arguments.what, "learning_curves"
+        elif not folders:
+            raise RunError(f"{name} of what? Give the folder of a sweep: {name} sweeps/ablation")
+        path = arguments.reference or (REPORT if draw is not None else None)
+        reference = [] if path is None or arguments.no_reference else read_csv(path)
+        places = [Path(folder) for folder in folders]
+        if draw is None:
+            figure = compare(places, reference)
+        else:
+            figure = draw(read_sweep(places), reference)
+        target = arguments.output or Path(f"{name}.png")
+        save(figure, target)
     except RunError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    print(arguments.output)
+    print(target)
 
 
 if __name__ == "__main__":

@@ -50,7 +50,7 @@ def train(config: Config, folder: Path) -> None:
 
     from locomotion.agents import PPO, make_actor, make_critic
     from locomotion.checkpoints import Checkpoints
-    from locomotion.plot import plot_learning_curves, read_metrics
+    from locomotion.plots import plot_learning_curves, read_run
     from locomotion.recording import MetricsWriter, save_divergences
 
     torchrl_logger.setLevel("WARNING")
@@ -131,8 +131,8 @@ def train(config: Config, folder: Path) -> None:
             started = time.perf_counter()
     metrics.close()
     collector.shutdown()
-    plot_learning_curves([folder], folder / "learning_curve.png")
-    mean_reward = read_metrics(folder)["mean_reward"][-10:].mean()
+    plot_learning_curves(folder, folder / "learning_curve.png")
+    mean_reward = read_run(folder).mean_reward[-10:].mean()
     print(f"{folder}: {mean_reward:.4f} m per action in the last ten iterations", flush=True)
 
 

@@ -197,9 +197,10 @@ def test_a_wheel_carries_the_configuration(tmp_path):
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r});"
         "from locomotion.cli import compose; from locomotion.config import conf_dir;"
-        "print(conf_dir(), compose('robot=ant').robot.name)"
+        "from locomotion.plots import REPORT, read_csv;"
+        "print(conf_dir(), compose('robot=ant').robot.name, len(read_csv(REPORT)))"
     )
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
     )
-    assert result.stdout == f"{tmp_path / 'site' / 'locomotion' / 'conf'} ant\n"
+    assert result.stdout == f"{tmp_path / 'site' / 'locomotion' / 'conf'} ant 6\n"

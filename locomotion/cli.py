@@ -127,6 +127,14 @@ def _run(
         _refuse(str(error), status=1)
     except OSError as error:
         _refuse(f"{error.filename or folder}: {error.strerror or error}", status=1)
+    except (MemoryError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and "can't allocate memory" not in str(error):
+            raise
+        _refuse(
+            f"not enough memory for env.num_envs={config.env.num_envs} robots that take"
+            f" ppo.steps={config.ppo.steps} each",
+            status=1,
+        )
 
 
 def _resumed(overrides: list[str]) -> tuple[Path | None, list[str]]:
@@ -288,6 +296,8 @@ def _explained(overrides: Sequence[str]) -> Iterator[None]:
         yield
     except (HydraException, OmegaConfBaseException, yaml.MarkedYAMLError) as error:
         raise ConfigError(_explain(error)) from error
+    except RecursionError as error:
+        raise ConfigError("the configuration is nested too deeply") from error
     except ValueError as error:
         if isinstance(error, ConfigError):
             raise

@@ -101,7 +101,8 @@ def train(config: Config, folder: Path) -> None:
             finished = time.perf_counter()
             divergences = env.base_env.take_divergences()
             if divergences:
-                save_divergences(folder, completed, divergences)
+                path = save_divergences(folder, completed, divergences)
+                progress.write(f"{len(divergences)} simulations diverged: {path}")
             mean_reward = batch["next", "reward"].mean().item()
             metrics.write(
                 {

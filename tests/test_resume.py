@@ -1,7 +1,5 @@
 """Runs that are interrupted in every way, and go on as if they never had been."""
 
-import csv
-import io
 import os
 import resource
 import signal
@@ -13,6 +11,7 @@ import zipfile
 import pytest
 import torch
 
+from benchmarks.kill_and_resume import command, outcome
 from locomotion import train as training
 from locomotion.agents import PPO, make_actor
 from locomotion.checkpoints import Checkpoints, path_of
@@ -24,48 +23,12 @@ SMALL = [
     *("robot=ant", "+obs=history3", "env.num_envs=3", "env.time_limit=5", "ppo.steps=8"),
     *("ppo.minibatch_size=10", "ppo.iterations=8", "checkpoint_interval=2", "physics.threads=1"),
 ]
-TIMINGS = {"collect_seconds", "update_seconds"}
-
-
-def command(*overrides):
-    return [sys.executable, "-m", "locomotion.train", *map(str, overrides)]
 
 
 def run(*overrides, **keywords):
     return subprocess.run(
         command(*overrides), capture_output=True, text=True, timeout=300, **keywords
     )
-
-
-def result(folder):
-    """What a run came to: its rows but for timings, and all that is in its last checkpoint."""
-    with (folder / "metrics.csv").open() as file:
-        rows = [
-            {key: value for key, value in row.items() if key not in TIMINGS}
-            for row in csv.DictReader(file)
-        ]
-    last = max((folder / "checkpoints").glob("*.ckpt"))
-    with zipfile.ZipFile(last) as archive:
-        states = {
-            name: torch.load(io.BytesIO(archive.read(name)), weights_only=True)
-            for name in archive.namelist()
-            if name.endswith(".pt")
-        }
-    return rows, last.name, dict(leaves(states))
-
-
-def leaves(content, place=""):
-    """Tensors as bytes, everything else as it is, by where it is in nested containers."""
-    if isinstance(content, torch.Tensor):
-        yield place, (content.dtype, content.shape, content.numpy().tobytes())
-    elif isinstance(content, (dict, list, tuple)):
-        items = content.items() if isinstance(content, dict) else enumerate(content)
-        for key, value in items:
-            # Of the generators only torch's is used; the others differ from process to process.
-            if key not in ("python", "numpy"):
-                yield from leaves(value, f"{place}/{key}")
-    else:
-        yield place, content
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +64,7 @@ def test_a_resumed_run_ends_as_one_that_was_never_stopped(whole, tmp_path, itera
     config = copy(whole, tmp_path / "run", iterations)
     (tmp_path / "run" / "checkpoints" / ".partial-000008.ckpt").write_text("half")
     training.train(config, tmp_path / "run")
-    assert result(tmp_path / "run") == result(whole)
+    assert outcome(tmp_path / "run") == outcome(whole)
     assert not list(tmp_path.rglob(".partial*"))
 
 
@@ -118,7 +81,7 @@ def test_killed_at_any_moment(whole, tmp_path):
         process.wait()
         arguments = [f"resume={folder}"]
     assert run(*arguments).returncode == 0
-    assert result(folder) == result(whole)
+    assert outcome(folder) == outcome(whole)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -134,7 +97,7 @@ def test_asked_to_stop_it_saves_and_says_how_to_go_on(whole, tmp_path, number):
     process.send_signal(number)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
-    rows, last, _ = result(folder)
+    rows, last, _ = outcome(folder)
     assert last == f"{len(rows):06d}.ckpt"
     lines = errors.strip().splitlines()
     assert lines[-1] == f"stopped after {len(rows)} iterations; resume={folder} goes on"
@@ -145,9 +108,9 @@ def test_more_iterations_do_what_their_schedule_says(whole, tmp_path):
     folder = tmp_path / "run"
     copy(whole, folder, 6)
     assert run(f"resume={folder}", "ppo.iterations=10", "physics.threads=2").returncode == 0
-    rows, last, _ = result(folder)
+    rows, last, _ = outcome(folder)
     assert last == "000010.ckpt" and len(rows) == 10
-    assert rows[:6] == result(whole)[0][:6]
+    assert rows[:6] == outcome(whole)[0][:6]
     rate = load("ppo/report").actor_lr
     rates = [float(row["actor_lr"]) for row in rows]
     assert rates == pytest.approx(
@@ -178,7 +141,7 @@ def test_a_damaged_checkpoint_is_named_and_the_one_before_taken(whole, tmp_path,
         assert warnings == []
     else:
         assert len(warnings) == 1 and str(path) in warnings[0]
-    assert result(folder) == result(whole)
+    assert outcome(folder) == outcome(whole)
 
 
 def test_every_flipped_byte_of_a_checkpoint_is_found(whole, tmp_path, capsys):
@@ -218,7 +181,7 @@ def test_a_full_disk_stops_the_run_and_leaves_what_was_there(whole, tmp_path, do
         path_of(whole, iteration).name for iteration in range(2, done + 1, 2)
     ]
     assert run(f"resume={folder}").returncode == 0
-    assert result(folder) == result(whole)
+    assert outcome(folder) == outcome(whole)
 
 
 def test_a_row_is_written_whole_or_not_at_all(tmp_path):
@@ -256,7 +219,7 @@ def test_a_learner_that_turns_nan_stops_with_the_last_good_checkpoint(tmp_path, 
     monkeypatch.setattr(PPO, "update", spoiled)
     with pytest.raises(RunStopped, match=r"finite number in iteration 5; the last good checkpoint"):
         training.train(config, folder)
-    rows, last, _ = result(folder)
+    rows, last, _ = outcome(folder)
     assert len(rows) == 5 and last == "000004.ckpt"
     assert "nan" not in (folder / "metrics.csv").read_text()
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from locomotion import cli
 from locomotion.agents import make_actor
 from locomotion.checkpoints import Checkpoints
 from locomotion.cli import compose
@@ -111,81 +110,6 @@ def test_defaults_are_the_reports():
     assert (config.ppo.actor_lr, config.ppo.critic_lr) == (0.0008, 0.001)
     assert (config.ppo.gamma, config.ppo.gae_lambda, config.ppo.clip_epsilon) == (0.99, 0.95, 0.2)
     assert (config.ppo.entropy_coeff, config.env.control_frequency) == (0.01, 4.0)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["robot=lizard"], "robot=lizard is unknown; choose from ant, gecko"),
-        (["+obs=history"], "obs=history is unknown; choose from hinges, hinges_orientation"),
-        (["obs=history3"], "use +obs=history3"),
-        (["logger=paper"], "logger=paper is unknown; choose from csv, tensorboard"),
-        (["physics=bullet"], "physics=bullet is unknown; choose from threaded"),
-        (["ppo.iteration=3"], "ppo.iteration is no key; did you mean ppo.iterations?"),
-        (["pppo.epochs=3"], "pppo is no key; did you mean ppo?"),
-        (["+frames=3"], "frames is no key"),
-        (["++ppo.lr=3"], "ppo.lr is no key"),
-        (["ppo.epochs=many"], "ppo.epochs=many: Value 'many' of type 'str'"),
-        (["env.num_envs=1.5"], "env.num_envs=1.5: Value '1.5' of type 'float'"),
-        (["seed=null"], "seed=null"),
-        (["obs.orientation=euler"], "expected one of [quaternion, rotation_6d, gravity, yaw]"),
-        (["ppo=3"], "ppo=3"),
-        (["~ppo"], "ppo"),
-        (["ppo.epochs"], "Error parsing override 'ppo.epochs'"),
-        (["ppo.epochs=0"], "ppo.epochs=0 must be at least 1"),
-        (["env.num_envs=-1"], "env.num_envs=-1 must be at least 1"),
-        (["ppo.gamma=1.5"], "ppo.gamma=1.5 must be at least 0 and at most 1"),
-        (["env.time_limit=nan"], "env.time_limit=nan must be above 0"),
-        (["physics.timestep=0.03"], "physics.timestep=0.03 must divide the control period of 0.25"),
-        (["ppo.minibatch_size=9000"], "ppo.minibatch_size=9000 must be at most the 8192 frames"),
-        (["robot=gecko,ant"], "robot=gecko,ant: several values need --multirun"),
-        (["--multirun", "seed=0,1,-2"], "seed=-2 must be at least 0"),
-        (["--multirun", "robot=gecko,lizard"], "robot=lizard is unknown"),
-        (["--config-dir=nowhere"], "--config-dir=nowhere is no folder"),
-        (["robot.body.children.back.rotation=30"], "robot gecko: core/back: rotation 30 is no"),
-    ],
-)
-def test_a_wrong_call_ends_in_one_line(arguments, message, monkeypatch, capsys, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["train", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        cli.launch(lambda config, folder: pytest.fail("the job was started"))
-    printed = capsys.readouterr()
-    assert ended.value.code == 2
-    assert printed.out == ""
-    assert printed.err.startswith("error: ")
-    assert message in printed.err
-    assert printed.err.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_face_used_twice_is_named_by_its_module(monkeypatch, capsys, tmp_path):
-    (tmp_path / "robot").mkdir()
-    (tmp_path / "robot" / "twin.yaml").write_text(
-        "name: twin\n"
-        "body:\n"
-        "  module: core\n"
-        "  children:\n"
-        "    left:\n"
-        "      module: brick\n"
-        "      children:\n"
-        "        front: {module: hinge}\n"
-        "        front: {module: brick}\n"
-    )
-    monkeypatch.setattr(sys, "argv", ["train", f"--config-dir={tmp_path}", "robot=twin"])
-    with pytest.raises(SystemExit):
-        cli.launch(lambda config, folder: pytest.fail("the job was started"))
-    assert "core/left: two children on the face 'front'\n" in capsys.readouterr().err
-
-
-def test_an_unknown_key_in_a_body_file_is_named(monkeypatch, capsys, tmp_path):
-    (tmp_path / "robot").mkdir()
-    (tmp_path / "robot" / "red.yaml").write_text("name: red\nbody: {module: core}\ncolour: red\n")
-    monkeypatch.setattr(sys, "argv", ["train", f"--config-dir={tmp_path}", "robot=red"])
-    with pytest.raises(SystemExit):
-        cli.launch(lambda config, folder: pytest.fail("the job was started"))
-    message = "error: robot.colour is no key; allowed are name, body\n"
-    assert capsys.readouterr().err == message
 
 
 def test_a_wheel_carries_the_configuration(tmp_path):

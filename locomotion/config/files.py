@@ -87,5 +87,10 @@ def typed(schema: type[T], *layers: Any) -> T:
             for layer in layers
         ]
         return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(schema), *plain))
+    except RecursionError as error:
+        prefix = getattr(schema, "PREFIX", "")
+        raise ConfigError(
+            f"{prefix.rstrip('.') or 'the configuration'} is nested too deeply"
+        ) from error
     except OmegaConfBaseException as error:
         raise ConfigError(explain_omegaconf(error, getattr(schema, "PREFIX", ""))) from error

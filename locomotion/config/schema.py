@@ -14,6 +14,9 @@ from typing import Any
 
 from omegaconf import MISSING
 
+#: Most frames of an iteration; with a few hundred bytes each they fill a large machine's memory.
+MOST_FRAMES = 2**27
+
 
 class ConfigError(ValueError):
     """A configuration that cannot be used; the message is one line that names the key."""
@@ -129,7 +132,9 @@ class EnvConfig(_Checked):
         "at the start, how long (s) a robot settles under random targets", least=0, most=3600
     )
     time_limit: float | None = _key(
-        "length of an episode (s), then a reset; null: robots walk on for ever", above=0
+        "length of an episode (s), then a reset; null: robots walk on for ever",
+        above=0,
+        most=1_000_000_000,
     )
 
     def __post_init__(self) -> None:
@@ -169,10 +174,10 @@ class PPOConfig(_Checked):
 
     PREFIX = "ppo."
 
-    iterations: int = _key("rounds of collecting and learning", least=1)
-    steps: int = _key("control steps each robot takes in an iteration", least=1)
-    epochs: int = _key("passes over the data of an iteration", least=1)
-    minibatch_size: int = _key("frames in a gradient step", least=1)
+    iterations: int = _key("rounds of collecting and learning", least=1, most=1_000_000_000)
+    steps: int = _key("control steps each robot takes in an iteration", least=1, most=1_000_000)
+    epochs: int = _key("passes over the data of an iteration", least=1, most=1_000_000)
+    minibatch_size: int = _key("frames in a gradient step", least=1, most=1_000_000_000)
     actor_lr: float = _key("Adam's learning rate for the actor at the start", above=0, most=10)
     critic_lr: float = _key("Adam's learning rate for the critic at the start", above=0, most=10)
     gamma: float = _key("discount per control step", least=0, most=1)
@@ -210,12 +215,19 @@ class Config(_Checked):
     ppo: PPOConfig = MISSING
     logger: LoggerConfig = MISSING
     seed: int = _key("of everything random", least=0, most=2**31 - 1)
-    checkpoint_interval: int = _key("iterations between checkpoints", least=1, free=True)
+    checkpoint_interval: int = _key(
+        "iterations between checkpoints", least=1, most=1_000_000_000, free=True
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         substeps(self.env.control_frequency, self.physics.timestep)
         frames = self.env.num_envs * self.ppo.steps
+        if frames > MOST_FRAMES:
+            raise ConfigError(
+                f"env.num_envs={self.env.num_envs} x ppo.steps={self.ppo.steps} must be at most"
+                f" {MOST_FRAMES} frames in an iteration"
+            )
         if self.ppo.minibatch_size > frames:
             raise ConfigError(
                 f"ppo.minibatch_size={self.ppo.minibatch_size} must be at most the {frames} frames"
@@ -233,6 +245,11 @@ def substeps(control_frequency: float, timestep: float) -> int:
     if round(exact) < 1 or abs(exact - round(exact)) > 1e-6 * exact:
         raise ConfigError(
             f"physics.timestep={timestep} must divide the control period of"
+            f" {1 / control_frequency:g} s (env.control_frequency={control_frequency})"
+        )
+    if round(exact) > 1_000_000:
+        raise ConfigError(
+            f"physics.timestep={timestep} must be at least a millionth of the control period of"
             f" {1 / control_frequency:g} s (env.control_frequency={control_frequency})"
         )
     return round(exact)

@@ -16,6 +16,8 @@ from locomotion.physics.base import CEILING, Physics
 _TIME, _HEIGHT = 0, 3
 #: Every control step begins at this time (s). MuJoCo puts a state that it gives up back to time 0.
 _START_TIME = 1.0
+#: Steps of one rollout, which keeps the states of all of them: a second at a millisecond a step.
+_MOST_STEPS = 1000
 
 
 class ThreadedPhysics(Physics):
@@ -71,14 +73,37 @@ class ThreadedPhysics(Physics):
         self, control: torch.Tensor, num_steps: int, where: torch.Tensor | None = None
     ) -> torch.Tensor | None:
         rows = slice(None) if where is None else where.numpy()
-        start = self._state[rows]
-        count = len(start)
+        before = self._state[rows]
+        count = len(before)
         if count == 0 or num_steps == 0:
             return None
+        before[:, _TIME] = _START_TIME
+        if num_steps <= _MOST_STEPS:
+            end = self._rollout_to_end(before, control.numpy()[rows, None], num_steps)
+        else:
+            end = before
+            for done in range(0, num_steps, _MOST_STEPS):
+                steps = min(_MOST_STEPS, num_steps - done)
+                end = self._rollout_to_end(end.copy(), control.numpy()[rows, None], steps)
+        diverged = None
+        if not (
+            math.isfinite(end.sum())
+            and end[:, _TIME].min() > _START_TIME
+            and end[:, _HEIGHT].max() <= CEILING
+        ):
+            wrong = ~self._is_sound(end) | (end[:, _TIME] <= _START_TIME)
+            self._put_back(before, end, wrong)
+            diverged = torch.zeros(self.num_envs, dtype=torch.bool)
+            diverged[rows] = torch.from_numpy(wrong)
+        self._state[rows] = end
+        return diverged if diverged is not None and diverged.any() else None
+
+    def _rollout_to_end(self, start: np.ndarray, control: np.ndarray, num_steps: int) -> np.ndarray:
+        """The states after so many steps, a view of the buffer, shape ``(copies, state)``."""
+        count = len(start)
         if self._states.shape[1] != num_steps:
             self._allocate(num_steps)
-        start[:, _TIME] = _START_TIME
-        self._control[:count] = control.numpy()[rows, None]
+        self._control[:count] = control
         # All arrays are contiguous and have their shapes, which the skipped checks would establish.
         self._rollout.rollout(
             self._models[:count],
@@ -90,18 +115,7 @@ class ThreadedPhysics(Physics):
             state=self._states[:count],
             sensordata=self._no_sensors[:count],
         )
-        end = self._states[:count, -1]
-        diverged = None
-        if not (
-            math.isfinite(end.sum())
-            and end[:, _TIME].min() > _START_TIME
-            and end[:, _HEIGHT].max() <= CEILING
-        ):
-            diverged = np.zeros(self.num_envs, dtype=bool)
-            diverged[rows] = ~self._is_sound(end) | (end[:, _TIME] <= _START_TIME)
-            self._put_back(start, end, diverged[rows])
-        self._state[rows] = end
-        return None if diverged is None or not diverged.any() else torch.from_numpy(diverged)
+        return self._states[:count, -1]
 
     def _put_back(self, start: np.ndarray, end: np.ndarray, diverged: np.ndarray) -> None:
         """Replaces what diverged copies came to by where they were, or by the initial state."""

@@ -22,6 +22,9 @@ import numpy as np
 
 from locomotion.robots.geometry import GEOMETRY, Box
 
+#: Longest chain of modules; what reads nested files gives up soon after.
+MOST_NESTED = 40
+
 
 class BodyError(ValueError):
     """A body that cannot exist; the message names the module by its path."""
@@ -64,7 +67,7 @@ def parse_body(tree: Mapping[str, Any]) -> Module:
     Raises:
         BodyError: for an unknown module or key, a face that the module lacks or that is used
             twice, an angle that is no quarter turn, a root that is no core, a core elsewhere, a
-            body without hinges, or two modules in one place.
+            body without hinges, two modules in one place, or too long a chain of modules.
     """
     core = _parse_module(tree, "core")
     if core.kind != "core":
@@ -102,6 +105,8 @@ def _parse_module(tree: Any, path: str) -> Module:
     kind = tree.get("module")
     if kind not in GEOMETRY:
         raise BodyError(f"{path}: unknown module {kind!r}; choose from {', '.join(GEOMETRY)}")
+    if path.count("/") >= MOST_NESTED:
+        raise BodyError(f"{path}: more than {MOST_NESTED} modules one after another")
     if kind == "core" and path != "core":
         raise BodyError(f"{path}: a body has one core, at its root")
     return Module(

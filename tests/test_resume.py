@@ -10,6 +10,7 @@ import zipfile
 
 import pytest
 import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from benchmarks.kill_and_resume import command, outcome
 from locomotion import train as training
@@ -269,3 +270,17 @@ def test_a_checkpoint_from_a_stranger_runs_no_code(whole, tmp_path):
 def specs(config):
     env = training.make_env(config)
     return env.observation_spec, env.action_spec, training.policy_keys(config)
+
+
+def test_tensorboard_shows_each_row_once(whole, tmp_path):
+    folder = tmp_path / "run"
+    config, _ = started(folder, "logger=tensorboard")
+    training.train(config, folder)
+    path_of(folder, 8).unlink()
+    path_of(folder, 6).unlink()
+    training.train(config, folder)
+    assert outcome(folder) == outcome(whole)
+    events = EventAccumulator(str(folder / "tensorboard"))
+    events.Reload()
+    (tag,) = [tag for tag in events.Tags()["scalars"] if tag.endswith("mean_reward")]
+    assert [event.step for event in events.Scalars(tag)] == [24 * i for i in range(1, 9)]

@@ -253,6 +253,7 @@ def measure_scale(effort: Effort) -> Iterator[Row]:
         )
     for num_envs in (64, 1024):
         row = Row(f"frames/s, 2 threads / 1, {num_envs} robots", [], 1.8)
+        bare = Row(f"the same, mujoco.rollout alone, {num_envs} robots", [])
         if usable_cores() > 1:
             steps = 4096 // num_envs
             trainings = {
@@ -262,9 +263,30 @@ def measure_scale(effort: Effort) -> Iterator[Row]:
             times = _time_frames(trainings, effort.turns, f"2 threads, {num_envs} robots")
             row.values = _ratios(times[1], times[2])
             row.context = _medians("{:.0f}", times[2], times[1]) + " us a robot's step"
+            bare.values = _bare_speedups(num_envs, steps, effort.turns)
         else:
             row.context = "needs two cores"
         yield row
+        yield bare
+
+
+def _bare_speedups(num_envs: int, steps: int, turns: int) -> list[float]:
+    """How many times faster ``mujoco.rollout`` alone is with two threads than with one."""
+    from benchmarks.ours import RawRollout, state_of
+
+    training = _warm_training(num_envs, steps)
+    start = state_of(training.env)
+    controls = training.controls(training.collect()[0])
+    one, two = (
+        RawRollout(training.model, num_envs, training.substeps, threads) for threads in (1, 2)
+    )
+    speedups = [
+        one.replay(start, controls)[1] / two.replay(start, controls)[1]
+        for _ in _turns(turns, f"2 threads, {num_envs} robots, bare")
+    ]
+    for closed in (one, two, training):
+        closed.close()
+    return speedups
 
 
 SECTIONS: dict[str, Callable[[Effort], Iterable[Row]]] = {

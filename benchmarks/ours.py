@@ -16,7 +16,7 @@ from torchrl import torchrl_logger
 from torchrl.envs import TransformedEnv
 
 from locomotion.agents import PPO, make_actor, make_critic
-from locomotion.cli import compose
+from locomotion.composing import compose
 from locomotion.envs import WalkAway
 from locomotion.envs.task import TARGET_LIMIT
 from locomotion.train import make_collector, make_env, policy_keys

@@ -66,17 +66,17 @@ class Checkpoints:
         Raises:
             RunError: if all checkpoints are damaged, or the last one is from another kind of run.
         """
-        paths = sorted(self.folder.glob("[0-9]*.ckpt"), reverse=True)
-        for path in paths:
+        paths = saved(self.folder.parent)
+        for path in reversed(paths):
             damage = _damage(path)
             if damage is not None:
-                print(f"warning: {path} {damage}; taking the one before it", file=sys.stderr)
+                print(f"warning: {path} {damage}; looking at the one before it", file=sys.stderr)
                 continue
             try:
-                result = self._checkpoint.load(path)
-            except CheckpointError as error:
+                self._checkpoint.load(path)
+            except (CheckpointError, KeyError, TypeError, ValueError) as error:
                 raise RunError(f"{path} does not fit this run: {_first_line(error)}") from error
-            return result.manifest["metadata"]["iteration"]
+            return int(path.stem)
         if paths:
             raise RunError(f"{self.folder} holds no checkpoint that is whole")
         return 0
@@ -85,6 +85,14 @@ class Checkpoints:
         """Removes what was being written when a run was killed."""
         for path in self.folder.glob(".*"):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def saved(run: Path) -> list[Path]:
+    """The checkpoints in a run's folder, whole or not, in the order of iterations."""
+    paths = (run / FOLDER).glob("*.ckpt")
+    return sorted(
+        (path for path in paths if path.stem.isdecimal()), key=lambda path: int(path.stem)
+    )
 
 
 def path_of(run: Path, iteration: int) -> Path:
@@ -100,7 +108,7 @@ def _damage(path: Path) -> str | None:
                 return "is damaged"
             names = archive.namelist()
         Checkpoint.manifest(path)
-    except (zipfile.BadZipFile, CheckpointError, OSError, EOFError, ValueError):
+    except Exception:  # noqa: BLE001  whatever a reader stumbles over
         return "is cut short or damaged"
     # Other payloads than weights might be pickles.
     if any(name != "manifest.json" and not re.search(r"/state\.pt$", name) for name in names):

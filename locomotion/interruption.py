@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import os
 import signal
-import sys
 import threading
 from types import FrameType, TracebackType
 from typing import Any, Self
@@ -40,4 +40,5 @@ class WishToStop:
         if self.came:
             raise KeyboardInterrupt
         self.came = True
-        print("\nstopping after this iteration; once more stops at once", file=sys.stderr)
+        # Not with print, which may be in the middle of writing something else.
+        os.write(2, b"\nstopping after this iteration; once more stops at once\n")

@@ -18,6 +18,7 @@ from locomotion.plots.curves import (
     REPORT,
     Curve,
     find_runs,
+    has_rows,
     read_csv,
     read_metrics,
     read_run,
@@ -33,9 +34,10 @@ def compare(places: Sequence[Path], reference: Sequence[Curve]) -> Figure:
     """The curves of any runs, with the reference's for the same robots and observations.
 
     Raises:
-        RunError: if a folder holds no run, or a run has no row yet.
+        RunError: if a folder holds no run, or none has a row yet.
     """
-    runs = list(dict.fromkeys(run for place in places for run in find_runs(place)))
+    found = list(dict.fromkeys(run for place in places for run in find_runs(place)))
+    runs = [run for run in found if has_rows(run)] or found
     metrics = {label: read_metrics(run) for label, run in zip(labels(runs), runs, strict=True)}
     settings = set()
     if reference:

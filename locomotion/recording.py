@@ -35,17 +35,20 @@ class MetricsWriter:
             lines = path.read_bytes().splitlines(keepends=True) if path.is_file() else []
             if len(lines) < 1 + rows or not lines[rows].endswith(b"\n"):
                 raise RunError(f"{path} has lost rows: the checkpoint was written after {rows}")
-            self._columns = lines[0].decode().strip().split(",")
-            with replacing(path) as partial:
-                partial.write_bytes(b"".join(lines[: 1 + rows]))
+            self._columns = lines[0].decode(errors="replace").strip().split(",")
+        else:
+            lines = []
+        with replacing(path) as partial:
+            partial.write_bytes(b"".join(lines[: 1 + rows]))
         # Without a buffer, whose content would be tried again when the file is closed.
-        self._file = path.open("ab" if rows else "wb", buffering=0)
+        self._file = path.open("ab", buffering=0)
         self._logger = None
         if config.backend is LoggerBackend.tensorboard:
             from torchrl.record.loggers.tensorboard import TensorboardLogger
 
+            before = any((folder / "tensorboard").glob("events*"))
             self._logger = TensorboardLogger(exp_name="tensorboard", log_dir=str(folder))
-            if rows:  # hides what the run had logged after the checkpoint
+            if before:  # hides what the run had logged after the checkpoint
                 self._logger.experiment.close()
                 self._logger.experiment.purge_step = frames + 1
 

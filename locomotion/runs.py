@@ -57,6 +57,8 @@ def read_config(folder: Path) -> dict[str, Any]:
         content = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
     except FileNotFoundError:
         raise RunError(f"{folder} holds no .hydra/config.yaml, so it is no run's folder") from None
+    except RecursionError:
+        raise RunError(f"{path} is nested too deeply") from None
     except (OSError, ValueError, yaml.YAMLError, OmegaConfBaseException) as error:
         raise RunError(f"{path} cannot be read: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict):
@@ -91,8 +93,7 @@ def is_finished(folder: Path, config: Config) -> bool:
         return False
     for there, asked in differences(folder, config).values():
         raise RunError(f"{folder} holds a run with {there}; with {asked} it needs another folder")
-    with metrics.open() as lines:
-        rows = sum(line.endswith("\n") for line in lines) - 1
+    rows = metrics.read_bytes().count(b"\n") - 1
     last = folder / "checkpoints" / f"{config.ppo.iterations:06d}.ckpt"
     picture = folder / "learning_curve.png"
     return rows == config.ppo.iterations and last.is_file() and picture.is_file()

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from locomotion.cli import launch
 from locomotion.config import Config
 from locomotion.interruption import WishToStop
-from locomotion.runs import RunStopped
+from locomotion.runs import RunError, RunStopped
 
 if TYPE_CHECKING:
     from torchrl.collectors import Collector
@@ -49,7 +49,7 @@ def train(config: Config, folder: Path) -> None:
     from tqdm import tqdm
 
     from locomotion.agents import PPO, make_actor, make_critic
-    from locomotion.checkpoints import Checkpoints
+    from locomotion.checkpoints import Checkpoints, saved
     from locomotion.plots import plot_learning_curves, read_run
     from locomotion.recording import MetricsWriter, save_divergences
 
@@ -75,6 +75,7 @@ def train(config: Config, folder: Path) -> None:
     )
     checkpoints.remove_partial()
     completed = checkpoints.load_latest()
+    env.base_env.take_divergences()  # of starts that a checkpoint has replaced
     metrics = MetricsWriter(folder, config.logger, completed, completed * frames)
 
     # No bar without a terminal, nor beside other jobs, whose bars would write over one another.
@@ -93,7 +94,7 @@ def train(config: Config, folder: Path) -> None:
             try:
                 losses = ppo.update(batch)
             except FloatingPointError as error:
-                last = max((folder / "checkpoints").glob("*.ckpt"), default="none")
+                last = (saved(folder) or ["none"])[-1]
                 raise RunStopped(
                     f"{error} in iteration {completed}; the last good checkpoint is {last}"
                 ) from error
@@ -102,7 +103,7 @@ def train(config: Config, folder: Path) -> None:
             divergences = env.base_env.take_divergences()
             if divergences:
                 path = save_divergences(folder, completed, divergences)
-                progress.write(f"{len(divergences)} simulations diverged: {path}")
+                progress.write(f"simulations diverged: {path}")
             mean_reward = batch["next", "reward"].mean().item()
             metrics.write(
                 {
@@ -112,7 +113,7 @@ def train(config: Config, folder: Path) -> None:
                     "mean_value": batch["state_value"].mean().item(),
                     **{name: value.item() for name, value in losses.items()},
                     "actor_lr": learning_rate,
-                    "diverged": len(divergences),
+                    "diverged": batch["next", "terminated"].sum().item(),
                     "collect_seconds": collected - started,
                     "update_seconds": finished - collected,
                 }
@@ -132,7 +133,10 @@ def train(config: Config, folder: Path) -> None:
             started = time.perf_counter()
     metrics.close()
     collector.shutdown()
-    plot_learning_curves(folder, folder / "learning_curve.png")
+    try:
+        plot_learning_curves(folder, folder / "learning_curve.png")
+    except RunError as error:
+        raise RunStopped(str(error)) from error
     mean_reward = read_run(folder).mean_reward[-10:].mean()
     print(f"{folder}: {mean_reward:.4f} m per action in the last ten iterations", flush=True)
 

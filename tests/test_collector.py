@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from locomotion.agents import PPO, make_actor, make_critic
-from locomotion.cli import compose
+from locomotion.composing import compose
 from locomotion.train import make_collector, make_env, policy_keys
 
 STEPS = 12

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from locomotion.agents import make_actor
-from locomotion.cli import compose
+from locomotion.composing import compose
 from locomotion.envs import LocomotionEnv
 from locomotion.train import make_collector, make_env, policy_keys
 
@@ -15,7 +15,8 @@ BAD = {
     "position is infinite": ("qpos", 0, -INF),
     "velocity is nan": ("qvel", 3, NAN),
     "velocity is huge": ("qvel", 7, 1e12),
-    "finite, but blows up": ("qvel", 4, 1e7),
+    "finite, but blows up": ("qvel", 4, 900.0),
+    "faster than any robot": ("qvel", 1, 100.0),
     "ten metres in the air": ("qpos", 2, 11.0),
 }
 
@@ -67,6 +68,24 @@ def test_what_led_to_a_divergence_can_be_replayed():
     assert td["terminated"].all()
     (again,) = replay.take_divergences()
     assert torch.equal(again.qpos, divergence.qpos) and torch.equal(again.qvel, divergence.qvel)
+
+
+def test_a_long_control_step_is_watched_in_all_its_parts():
+    env = LocomotionEnv("gecko", 2, seed=0, control_frequency=0.05)  # 2,000 physics steps
+    td = env.reset()
+    spoil(env, 1, "finite, but blows up")
+    td = env.step(td.set("action", torch.rand(2, 6)))["next"]
+    assert td["terminated"].squeeze(-1).tolist() == [False, True]
+    assert [divergence.robot for divergence in env.take_divergences()] == [1]
+
+
+def test_physics_that_cannot_hold_pays_nothing_absurd():
+    """A timestep far too long for stiff servos without damping."""
+    stiff = {"stiffness": 1000.0, "damping": 0.0, "armature": 0.0, "timestep": 0.05}
+    env = LocomotionEnv("gecko", 16, seed=0, physics=stiff)
+    rollout = env.rollout(20, break_when_any_done=False)
+    assert rollout["next", "terminated"].any()
+    assert rollout["next", "reward"].abs().max() < 20 / 4  # what the fastest robot would walk
 
 
 def test_settling_that_diverges_leaves_the_robot_at_rest():

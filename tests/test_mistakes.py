@@ -7,7 +7,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from locomotion import cli
-from locomotion.cli import compose
+from locomotion.composing import compose
 from locomotion.runs import record
 
 GECKO = "robot gecko: core"
@@ -101,11 +101,27 @@ def refusal(arguments, monkeypatch, capsys):
         (["+_target_=os.system"], "_target_ is no key"),
         (["+robot._target_=os.system"], "robot._target_ is no key"),
         (["+robot.body._target_=os.system"], f"{GECKO}: unknown key '_target_'"),
-        (["+hydra.callbacks.x._target_=os.system"], "hydra.callbacks.x._target_=os.system is not"),
-        (["hydra.launcher._target_=os.system"], "hydra.launcher._target_=os.system is not run"),
-        (["++hydra.job_logging.handlers.file.class=os.open"], "class=os.open is not run"),
+        (
+            ["+hydra.callbacks.x._target_=os.system"],
+            "hydra.callbacks.x._target_=os.system is fixed",
+        ),
+        (["hydra.launcher._target_=os.system"], "hydra.launcher._target_=os.system is fixed"),
+        (["hydra/launcher=parallel", "hydra.launcher.temp_folder=x"], "launcher.temp_folder=x is"),
+        (["hydra/job_logging=default"], "hydra.job_logging"),
+        (["++hydra.job_logging.handlers.x.class=logging.FileHandler"], "FileHandler is fixed"),
+        (["--help", "++hydra.hydra_logging.handlers.x.filename=y"], "hydra.hydra_logging"),
         (["+hydra.job.env_set.LD_PRELOAD=x.so"], "hydra.job.env_set"),
+        (["hydra.verbose=true"], "hydra.verbose=True is fixed; it stays False"),
+        (["hydra.output_subdir=x"], "hydra.output_subdir=x is fixed; it stays None"),
         (["--experimental-rerun=job.pickle"], "use resume=FOLDER"),
+        (["--config-path=x"], "--config-path has no meaning here; use --config-dir"),
+        (["--config-name=x"], "--config-name has no meaning here; use --config-dir"),
+        # Flags.
+        (["--bogus"], "unrecognized arguments: --bogus"),
+        (["--cfg=bogus"], "argument --cfg/-c: invalid choice: 'bogus'"),
+        (["--cfg=job", "--multirun"], "--multirun goes neither with --cfg nor with --run"),
+        (["--resolve"], "--resolve and --package go with --cfg"),
+        ([f"hydra.run.dir={'x' * 300}"], "cannot be written: File name too long"),
     ],
 )
 def test_a_wrong_call_ends_in_one_line(arguments, message, monkeypatch, capsys, tmp_path):
@@ -143,6 +159,11 @@ def interrupted(tmp_path):
         (["~seed"], "~seed has no meaning beside resume=FOLDER"),
         (["ppo.iterations"], "Error parsing override 'ppo.iterations'"),
         (["--multirun"], "resume=FOLDER goes on with one run; a sweep goes on when started again"),
+        (["--help"], "resume=FOLDER goes with KEY=VALUE, and with no flag"),
+        (["seed=abc"], "seed"),
+        (["env=abc"], "env"),
+        (["checkpoint_interval=abc"], "checkpoint_interval"),
+        (["logger=../logger/csv"], "logger=../logger/csv is unknown; choose from csv, tensorboard"),
         (["resume=other"], "resume names several folders; a command goes on with one run"),
     ],
 )
@@ -166,6 +187,9 @@ def test_what_would_change_a_resumed_run_is_refused(
         ("_target_: os.system", "_target_ is no key"),
         ("seed: !!python/object/apply:os.mkdir [crater]", "cannot be read"),
         ("seed: many", "seed"),
+        ("&a [*a]", ""),
+        ("[" * 3000, ""),
+        ("seed: \x07", "cannot be read"),
     ],
 )
 def test_what_is_no_run_is_not_resumed(config, message, monkeypatch, capsys, tmp_path):
@@ -203,7 +227,9 @@ BODY_FILES = {
     "{module: core}}}}}\n": "core/left/attachment: a body has one core",
     "defaults: [{x: y}]\nname: red\n": "x",
     "name: red\nhydra: {callbacks: {x: {_target_: os.system}}}\n": "no key",
-    "# @package _global_\nhydra: {callbacks: {x: {_target_: os.system}}}\n": "os.system is not run",
+    "# @package _global_\nhydra: {callbacks: {x: {_target_: os.system}}}\n": "os.system is fixed",
+    "# @package _global_\nhydra: {job_logging: {handlers: {file: {filename: crater}}}}\n": "is fixed",
+    "name: \x07": "special characters are not allowed",
 }
 
 
@@ -228,3 +254,17 @@ def test_a_body_without_end_is_refused(pairs, message, monkeypatch, capsys, tmp_
     (tmp_path / "robot" / "tower.yaml").write_text(text)
     line = refusal([f"--config-dir={tmp_path}", "robot=tower"], monkeypatch, capsys)
     assert message in line
+
+
+def test_a_folder_of_ones_own_may_have_any_name(monkeypatch, capsys, tmp_path):
+    folder = tmp_path / "a,b (c) [d]"
+    (folder / "robot").mkdir(parents=True)
+    body = "{module: core, children: {front: {module: hinge}}}"
+    (folder / "robot" / "red.yaml").write_text(f"name: red\nbody: {body}\n")
+    line = refusal([f"--config-dir={folder}", "robot=red", "seed=-1"], monkeypatch, capsys)
+    assert line.startswith("error: seed=-1 must be")
+    other = tmp_path / "other"
+    other.mkdir()
+    search = f"hydra.searchpath=['file://{other}']"
+    arguments = [f"--config-dir={folder}", "robot=red", search, "seed=-1"]
+    assert refusal(arguments, monkeypatch, capsys).startswith("error: seed=-1 must be")

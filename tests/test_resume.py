@@ -10,13 +10,14 @@ import zipfile
 
 import pytest
 import torch
+from filelock import FileLock
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from benchmarks.kill_and_resume import command, outcome
 from locomotion import train as training
 from locomotion.agents import PPO, make_actor
 from locomotion.checkpoints import Checkpoints, path_of
-from locomotion.cli import compose
+from locomotion.composing import compose
 from locomotion.config import load
 from locomotion.runs import RunError, RunStopped, record
 
@@ -145,23 +146,32 @@ def test_a_damaged_checkpoint_is_named_and_the_one_before_taken(whole, tmp_path,
     assert outcome(folder) == outcome(whole)
 
 
-def test_every_flipped_byte_of_a_checkpoint_is_found(whole, tmp_path, capsys):
+def test_every_flipped_bit_of_a_checkpoint_is_found(whole, tmp_path):
     folder = tmp_path / "run"
-    copy(whole, folder, 2)
+    config = copy(whole, folder, 2)
     path = path_of(folder, 2)
     content = path.read_bytes()
-    actor = torch.nn.Identity()
-    for place in range(0, len(content), len(content) // 40):
+    actor = make_actor(*specs(config))
+    checkpoints = Checkpoints(folder, actor=actor)
+    assert checkpoints.load_latest() == 2
+    expected = actor.state_dict()["module.0.log_scale"].clone()
+    directory = content.rindex(b"PK\x05\x06") - 700  # the end of the archive's table of contents
+    some = [*range(0, directory, directory // 60), *range(directory, len(content), 3)]
+    found = 0
+    for place in some:
         changed = bytearray(content)
-        changed[place] ^= 0x10
+        changed[place] ^= 1 << place % 8
         path.write_bytes(changed)
+        with torch.no_grad():
+            actor.module[0].log_scale.zero_()
         try:
-            Checkpoints(folder, actor=actor).load_latest()
+            checkpoints.load_latest()
         except RunError as error:
-            assert str(path.parent) in str(error)
-        else:
-            with zipfile.ZipFile(path) as archive:  # padding, or a date
-                assert archive.testzip() is None
+            assert str(folder) in str(error)
+            found += 1
+        else:  # a date, or what is repeated elsewhere
+            assert torch.equal(actor.state_dict()["module.0.log_scale"], expected)
+    assert found > len(some) / 2
 
 
 @pytest.mark.parametrize(("done", "share"), [(2, 0.99), (0, 0.2)])
@@ -231,6 +241,25 @@ def test_a_checkpoint_of_another_robot_is_refused(whole, tmp_path):
     path_of(folder, 8).write_bytes(path_of(whole, 8).read_bytes())
     with pytest.raises(RunError, match="000008.ckpt does not fit this run"):
         training.train(config, folder)
+
+
+def test_two_processes_do_not_train_in_one_folder(whole, tmp_path):
+    folder = tmp_path / "run"
+    copy(whole, folder, 2)
+    before = {path: path.read_bytes() for path in folder.rglob("*.c*") if path.is_file()}
+    with FileLock(folder / ".lock"):
+        refused = run(f"resume={folder}")
+    assert refused.returncode == 2
+    assert refused.stderr == f"error: {folder}: another process is training there\n"
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_what_a_time_or_a_number_decided_stays_when_resumed(tmp_path):
+    small = [text for text in SMALL if not text.startswith("ppo.iterations")]
+    overrides = [*small, "ppo.iterations=1", "seed=${now:%S}", f"hydra.run.dir={tmp_path / 'run'}"]
+    assert run(*overrides).returncode == 0
+    assert "$" not in (tmp_path / "run" / ".hydra" / "config.yaml").read_text()
+    assert run(f"resume={tmp_path / 'run'}", "ppo.iterations=2").returncode == 0
 
 
 class Bomb:

@@ -8,7 +8,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from locomotion import cli
-from locomotion.cli import compose
+from locomotion.composing import compose, compose_job, split_sweep
 from locomotion.config import conf_dir
 from locomotion.runs import RunError, is_finished, record
 
@@ -168,10 +168,9 @@ def test_jobs_side_by_side_have_a_core_for_each_thread(monkeypatch, cores, threa
 
 
 def test_the_ablation_is_every_robot_with_every_observation_and_seed():
-    cli._register()
-    jobs = [cli._compose(job, 0) for job in cli._split(["+experiment=ablation"], multirun=False)]
+    jobs = [compose_job(job, 0) for job in split_sweep(["+experiment=ablation"], False)]
     runs = [(config.seed, config.robot.name, *vars(config.obs).values()) for config, _ in jobs]
     assert len(set(runs)) == len(jobs) == 3 * 2 * 4
     assert len({folder for _, folder in jobs}) == len(jobs)
     assert {config.physics.threads for config, _ in jobs} == {1}
-    assert len(cli._split(["+experiment=ablation", "seed=3,4", "robot=ant"], False)) == 2 * 4
+    assert len(split_sweep(["+experiment=ablation", "seed=3,4", "robot=ant"], False)) == 2 * 4

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 
 from locomotion.agents import make_actor
 from locomotion.checkpoints import Checkpoints
-from locomotion.cli import compose
+from locomotion.composing import compose
 from locomotion.config import Config, load, typed
 from locomotion.train import make_env, policy_keys
 
@@ -120,7 +120,7 @@ def test_a_wheel_carries_the_configuration(tmp_path):
     zipfile.ZipFile(wheel).extractall(tmp_path / "site")
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r});"
-        "from locomotion.cli import compose; from locomotion.config import conf_dir;"
+        "from locomotion.composing import compose; from locomotion.config import conf_dir;"
         "from locomotion.plots import REPORT, read_csv;"
         "print(conf_dir(), compose('robot=ant').robot.name, len(read_csv(REPORT)))"
     )

@@ -3,7 +3,7 @@
 Nothing here imports anything heavy, so that a mistake is answered before torch is loaded.
 """
 
-from locomotion.config.files import conf_dir, load, load_file, typed
+from locomotion.config.files import GROUPS, conf_dir, load, load_file, typed
 from locomotion.config.messages import explain_omegaconf, explain_yaml
 from locomotion.config.schema import (
     Config,
@@ -20,6 +20,7 @@ from locomotion.config.schema import (
 )
 
 __all__ = [
+    "GROUPS",
     "Config",
     "ConfigError",
     "EnvConfig",

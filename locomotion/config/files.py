@@ -22,7 +22,7 @@ from locomotion.config.schema import (
 
 T = TypeVar("T")
 
-_GROUPS = {
+GROUPS = {
     "robot": RobotConfig,
     "obs": ObsConfig,
     "physics": PhysicsConfig,
@@ -51,11 +51,10 @@ def load(choice: str, overrides: Mapping[str, Any] | None = None) -> Any:
         ConfigError: for an unknown option or key, or a value of the wrong type or range.
     """
     group, _, option = choice.partition("/")
-    path = conf_dir() / f"{choice}.yaml"
-    if not path.is_file():
-        known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
-        raise ConfigError(f"{group}={option} is unknown; choose from {known}")
-    return load_file(path, _GROUPS[group], overrides)
+    known = sorted(file.stem for file in (conf_dir() / group).glob("*.yaml"))
+    if option not in known:
+        raise ConfigError(f"{group}={option} is unknown; choose from {', '.join(known)}")
+    return load_file(conf_dir() / f"{choice}.yaml", GROUPS[group], overrides)
 
 
 def load_file(path: Path, schema: type[T], overrides: Mapping[str, Any] | None = None) -> T:
@@ -69,7 +68,7 @@ def load_file(path: Path, schema: type[T], overrides: Mapping[str, Any] | None =
         content = OmegaConf.load(path)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from error
-    except yaml.MarkedYAMLError as error:
+    except yaml.YAMLError as error:
         raise ConfigError(explain_yaml(error)) from error
     return typed(schema, content, overrides or {})
 

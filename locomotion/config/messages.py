@@ -29,8 +29,10 @@ def explain_omegaconf(error: OmegaConfBaseException, prefix: str = "") -> str:
     return f"{key}: {str(error.msg).splitlines()[0]}"
 
 
-def explain_yaml(error: yaml.MarkedYAMLError) -> str:
+def explain_yaml(error: yaml.YAMLError) -> str:
     """One line about a file that is no proper YAML, or that uses a face of a module twice."""
+    if not isinstance(error, yaml.MarkedYAMLError):
+        return " ".join(str(error).split())
     file, line = Path(error.problem_mark.name), error.problem_mark.line + 1
     if "duplicate key" in str(error.problem) and file.is_file():
         keys = _duplicate_key(yaml.compose(file.read_text()))

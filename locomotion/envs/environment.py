@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -26,6 +27,9 @@ from locomotion.config import (
 from locomotion.envs.task import TARGET_LIMIT, WalkAway
 from locomotion.physics import Physics, ThreadedPhysics
 from locomotion.robots import ModularRobot
+
+#: How many divergences are kept for :meth:`LocomotionEnv.take_divergences`.
+MOST_DIVERGENCES = 1000
 
 #: What the environment knows about its robots, by key; each reading is a tensor of its own.
 OBSERVATIONS: dict[str, Callable[[Physics], torch.Tensor]] = {
@@ -129,7 +133,7 @@ class LocomotionEnv(EnvBase):
         self._start = torch.zeros(num_envs, 2, dtype=torch.float64)
         self._distance = torch.zeros(num_envs, dtype=torch.float64)
         self._steps = torch.zeros(num_envs, dtype=torch.int64)
-        self._divergences: list[Divergence] = []
+        self._divergences = collections.deque[Divergence](maxlen=MOST_DIVERGENCES)
         self._observations = _chosen(observations)
         self._make_specs(num_envs, self.model.nu)
         self.set_seed(_random_seed() if seed is None else seed)
@@ -244,8 +248,9 @@ class LocomotionEnv(EnvBase):
         return diverged
 
     def take_divergences(self) -> list[Divergence]:
-        """What led robots to diverge since this was last asked, in the order of time."""
-        taken, self._divergences = self._divergences, []
+        """What led robots to diverge since this was last asked, the last :data:`MOST_DIVERGENCES`."""
+        taken = list(self._divergences)
+        self._divergences.clear()
         return taken
 
     def set_state(
@@ -293,7 +298,7 @@ class LocomotionEnv(EnvBase):
         """
         distance = torch.linalg.vector_norm(places - self._start, dim=-1)
         gained = torch.diff(distance, dim=0, prepend=self._distance.unsqueeze(0))
-        self._distance = distance[-1].clone()
+        self._distance.copy_(distance[-1])
         return gained.to(torch.float32)
 
     def _flags(self) -> tuple[torch.Tensor, ...]:

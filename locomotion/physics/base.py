@@ -7,8 +7,11 @@ import abc
 import mujoco
 import torch
 
-#: Height of the core (m) above which a simulation has gone wrong: no robot gets there by itself.
+#: Where a simulation has gone wrong, as no robot gets there by itself: the core that high (m), moved
+#: along the ground that fast (m/s) on average, or any other position or velocity that large (SI units).
 CEILING = 10.0
+MOST_SPEED = 20.0
+MOST_STATE = 1000.0
 
 
 class Physics(abc.ABC):
@@ -52,8 +55,8 @@ class Physics(abc.ABC):
     ) -> torch.Tensor | None:
         """Steps copies under a control that is held.
 
-        A copy diverges if MuJoCo gives its state up, if what comes out is not finite, or if its core
-        is more than :data:`CEILING` high. It is then left in the state that led there or, where that
+        A copy diverges if MuJoCo gives its state up, or if what comes out is not finite or beyond
+        :data:`CEILING`, :data:`MOST_SPEED` or :data:`MOST_STATE`. It is then left in the state that led there or, where that
         was not one to step from, in the model's initial state.
 
         Args:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 
 import mujoco
@@ -10,10 +9,11 @@ import mujoco.rollout
 import numpy as np
 import torch
 
-from locomotion.physics.base import CEILING, Physics
+from locomotion.physics.base import CEILING, MOST_SPEED, MOST_STATE, Physics
 
-#: Columns of a full physics state: time, then positions, of which the third is the core's height.
-_TIME, _HEIGHT = 0, 3
+#: Columns of a full physics state: time, then positions, which begin with the core's place and height,
+#: then velocities.
+_TIME, _PLACE, _HEIGHT = 0, slice(1, 3), 3
 #: Every control step begins at this time (s). MuJoCo puts a state that it gives up back to time 0.
 _START_TIME = 1.0
 #: Steps of one rollout, which keeps the states of all of them: a second at a millisecond a step.
@@ -23,7 +23,8 @@ _MOST_STEPS = 1000
 class ThreadedPhysics(Physics):
     """Steps all copies with ``mujoco.rollout``: one call a control step, shared out over threads.
 
-    Results do not depend on the number of threads.
+    Results do not depend on the number of threads. A long control step is taken in parts, and the
+    bounds of a sound simulation hold for each.
 
     Args:
         model: compiled model; its state must be positions and velocities only.
@@ -77,26 +78,42 @@ class ThreadedPhysics(Physics):
         count = len(before)
         if count == 0 or num_steps == 0:
             return None
-        before[:, _TIME] = _START_TIME
-        if num_steps <= _MOST_STEPS:
-            end = self._rollout_to_end(before, control.numpy()[rows, None], num_steps)
-        else:
-            end = before
-            for done in range(0, num_steps, _MOST_STEPS):
-                steps = min(_MOST_STEPS, num_steps - done)
-                end = self._rollout_to_end(end.copy(), control.numpy()[rows, None], steps)
-        diverged = None
-        if not (
-            math.isfinite(end.sum())
-            and end[:, _TIME].min() > _START_TIME
-            and end[:, _HEIGHT].max() <= CEILING
-        ):
-            wrong = ~self._is_sound(end) | (end[:, _TIME] <= _START_TIME)
-            self._put_back(before, end, wrong)
-            diverged = torch.zeros(self.num_envs, dtype=torch.bool)
-            diverged[rows] = torch.from_numpy(wrong)
+        targets = control.numpy()[rows, None]
+        end, wrong = before, None
+        for done in range(0, num_steps, _MOST_STEPS):
+            steps = min(_MOST_STEPS, num_steps - done)
+            start = end if done == 0 else end.copy()
+            start[:, _TIME] = _START_TIME
+            end = self._rollout_to_end(start, targets, steps)
+            wrong = self._diverged(start, end, steps, wrong)
+        if wrong is None:
+            self._state[rows] = end
+            return None
+        self._put_back(before, end, wrong)
         self._state[rows] = end
-        return diverged if diverged is not None and diverged.any() else None
+        diverged = torch.zeros(self.num_envs, dtype=torch.bool)
+        diverged[rows] = torch.from_numpy(wrong)
+        return diverged
+
+    def _diverged(
+        self, start: np.ndarray, end: np.ndarray, steps: int, before: np.ndarray | None
+    ) -> np.ndarray | None:
+        """Which copies went wrong, now or before; ``None`` if none did."""
+        reach = MOST_SPEED * steps * self.model.opt.timestep
+        way = end[:, _PLACE] - start[:, _PLACE]
+        # Written so that what is no number fails.
+        if (
+            end[:, _TIME].min() > _START_TIME
+            and np.abs(end[:, _HEIGHT:]).max() <= MOST_STATE
+            and np.abs(end[:, _HEIGHT]).max() <= CEILING
+            and np.abs(way).max() <= reach
+        ):
+            return before
+        with np.errstate(invalid="ignore"):
+            sound = (end[:, _TIME] > _START_TIME) & (np.abs(way) <= reach).all(1)
+        wrong = ~(sound & _is_sound(end))
+        wrong = wrong if before is None else wrong | before
+        return wrong if wrong.any() else None
 
     def _rollout_to_end(self, start: np.ndarray, control: np.ndarray, num_steps: int) -> np.ndarray:
         """The states after so many steps, a view of the buffer, shape ``(copies, state)``."""
@@ -120,17 +137,19 @@ class ThreadedPhysics(Physics):
     def _put_back(self, start: np.ndarray, end: np.ndarray, diverged: np.ndarray) -> None:
         """Replaces what diverged copies came to by where they were, or by the initial state."""
         end[diverged] = start[diverged]
-        lost = diverged & ~self._is_sound(start)
+        lost = diverged & ~_is_sound(start)
         end[lost] = 0.0
         end[lost, 1 : 1 + self.model.nq] = self.model.qpos0
 
-    @staticmethod
-    def _is_sound(state: np.ndarray) -> np.ndarray:
-        with np.errstate(invalid="ignore"):
-            return np.isfinite(state).all(1) & (state[:, _HEIGHT] <= CEILING)
-
     def close(self) -> None:
         self._rollout.close()
+
+
+def _is_sound(state: np.ndarray) -> np.ndarray:
+    """Which states, a row each, may be stepped from."""
+    with np.errstate(invalid="ignore"):
+        sound = np.isfinite(state).all(1) & (np.abs(state[:, _HEIGHT]) <= CEILING)
+        return sound & (np.abs(state[:, _HEIGHT:]) <= MOST_STATE).all(1)
 
 
 def _usable_cores() -> int:

@@ -57,6 +57,11 @@ def find_runs(place: Path) -> list[Path]:
     return runs
 
 
+def has_rows(run: Path) -> bool:
+    """Whether a run has come as far as one iteration."""
+    return (run / "metrics.csv").read_bytes().count(b"\n") > 1
+
+
 def read_metrics(run: Path) -> np.ndarray:
     """The rows of a run's ``metrics.csv``, as a structured array with the columns' names.
 
@@ -66,7 +71,7 @@ def read_metrics(run: Path) -> np.ndarray:
     path = run / "metrics.csv"
     if not path.is_file():
         raise RunError(f"{run} holds no metrics.csv, so it is no run's folder")
-    with path.open() as lines:
+    with path.open(errors="replace") as lines:
         complete = [line for line in lines if line.endswith("\n")]
     if len(complete) < 2:
         raise RunError(f"{path} has no row yet")
@@ -77,6 +82,8 @@ def read_metrics(run: Path) -> np.ndarray:
     for column in COLUMNS:
         if column not in metrics.dtype.names:
             raise RunError(f"{path} has no column {column}")
+        if not np.isfinite(metrics[column]).all():
+            raise RunError(f"{path} has a {column} that is no number")
     return metrics
 
 
@@ -108,7 +115,7 @@ def read_sweep(places: Sequence[Path]) -> list[Curve]:
     origins: dict[str, Path] = {}
     settings: dict[tuple[str, str], tuple[Path, object]] = {}
     for run in runs.values():
-        if (run / "metrics.csv").read_text().count("\n") < 2:
+        if not has_rows(run):
             continue
         curve = read_run(run)
         if str(curve) in curves:

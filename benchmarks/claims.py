@@ -179,6 +179,16 @@ def _claims(ours: Runs, theirs: Runs) -> list[str]:
             subject = f"{one[1]}: {one[0]} minus {other[0]}"
         return [subject, measure.name, found, _p(p), report, _shown(low, high, more)]
 
+    def needs_orientation(sensed: str, without: str) -> list[list[str]]:
+        return [
+            row
+            for robot in ROBOTS
+            for row in (
+                difference((robot, sensed), (robot, without), FINAL, more=True),
+                level(robot, without, FINAL, 0.04, more=False),
+            )
+        ]
+
     both = [("gecko", "hinges_orientation"), ("ant", "hinges_orientation")]
     claims = {
         "Both robots reach a reward slightly above 0.08 m": [
@@ -194,22 +204,12 @@ def _claims(ours: Runs, theirs: Runs) -> list[str]:
             for robot in ROBOTS
             for measure, more in ((ABOVE_4, False), (ABOVE_8, False), (WHOLE, True), (FINAL, None))
         ],
-        "Without orientation neither robot can walk": [
-            row
-            for robot in ROBOTS
-            for row in (
-                difference((robot, "hinges_orientation"), (robot, "hinges"), FINAL, more=True),
-                level(robot, "hinges", FINAL, 0.04, more=False),
-            )
-        ],
-        "Not in the report: nor does history make up for orientation": [
-            row
-            for robot in ROBOTS
-            for row in (
-                difference((robot, "history3"), (robot, "history3_hinges"), FINAL, more=True),
-                level(robot, "history3_hinges", FINAL, 0.04, more=False),
-            )
-        ],
+        "Without orientation neither robot can walk": needs_orientation(
+            "hinges_orientation", "hinges"
+        ),
+        "Not in the report: nor does history make up for orientation": needs_orientation(
+            "history3", "history3_hinges"
+        ),
     }
     heads = ["runs", "measure", "mean over seeds [95% interval]", "p", "report", "shown"]
     return [

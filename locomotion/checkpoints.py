@@ -47,7 +47,7 @@ class Checkpoints:
         self.folder.mkdir(exist_ok=True)
         try:
             with replacing(path) as partial:
-                self._checkpoint.save(partial, metadata={"iteration": iteration})
+                self._checkpoint.save(partial)
         except (OSError, RuntimeError) as error:
             reason = getattr(error, "strerror", None) or _first_line(error)
             if shutil.disk_usage(self.folder).free < 2**20:  # torch does not say so

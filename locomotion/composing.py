@@ -33,6 +33,7 @@ from locomotion.config import (
     conf_dir,
     explain_omegaconf,
     explain_yaml,
+    flat,
     typed,
 )
 from locomotion.usage import help_template
@@ -40,17 +41,22 @@ from locomotion.usage import help_template
 #: What of Hydra's own part may be set. The rest names what Hydra calls, what logging opens and what a
 #: process is told by its environment, and a configuration may come from a stranger.
 _SETTABLE = (
-    *("run.dir", "sweep.dir", "sweep.subdir", "sweeper.params", "launcher.n_jobs", "mode"),
-    *(
-        "searchpath",
-        "overrides",
-        "runtime",
-        "job.name",
-        "job.override_dirname",
-        "job.id",
-        "job.num",
-    ),
-    *("job.config_name", "job.config", "job.sweep"),
+    "job.config",
+    "job.config_name",
+    "job.id",
+    "job.name",
+    "job.num",
+    "job.override_dirname",
+    "job.sweep",
+    "launcher.n_jobs",
+    "mode",
+    "overrides",
+    "run.dir",
+    "runtime",
+    "searchpath",
+    "sweep.dir",
+    "sweep.subdir",
+    "sweeper.params",
 )
 
 
@@ -140,14 +146,15 @@ def _hydra(config_dir: Path | None = None) -> Iterator[None]:
 def _refuse_what_is_fixed(config: DictConfig) -> None:
     """Raises a :class:`ConfigError` if Hydra's own part is set to what only the project may set."""
     launcher = config.hydra.launcher.get("_target_")
-    choice = {_fixed("")["launcher._target_"]: ""}
-    if launcher not in choice:
-        choice |= {_fixed(option)["launcher._target_"]: option for option in ("parallel",)}
-    if launcher not in choice:
+    for choice in ("basic", "parallel"):
+        fixed = _fixed(choice)
+        if fixed["launcher._target_"] == launcher:
+            break
+    else:
         raise ConfigError(
             f"hydra.launcher._target_={launcher} is fixed; use hydra/launcher=parallel"
         )
-    asked, fixed = _flat(config.hydra), _fixed(choice[launcher])
+    asked = _as_written(config)
     for key in [*asked, *(fixed.keys() - asked.keys())]:
         settable = any(key == name or key.startswith(f"{name}.") for name in _SETTABLE)
         if not settable and asked.get(key) != fixed.get(key):
@@ -157,23 +164,13 @@ def _refuse_what_is_fixed(config: DictConfig) -> None:
 @functools.cache
 def _fixed(launcher: str) -> dict[str, Any]:
     """Hydra's part of the project's own configuration, with one of its launchers."""
-    overrides = [f"hydra/launcher={launcher}"] if launcher else []
-    return _flat(hydra.compose("config", overrides, return_hydra_config=True).hydra)
+    overrides = [f"hydra/launcher={launcher}"]
+    return _as_written(hydra.compose("config", overrides, return_hydra_config=True))
 
 
-def _flat(content: Any, place: str = "") -> dict[str, Any]:
-    """Values as they are written, by where they are; empty containers are values too."""
-    if OmegaConf.is_config(content):
-        content = OmegaConf.to_container(content, resolve=False)
-    if isinstance(content, list) and content:
-        content = dict(enumerate(content))
-    if not isinstance(content, dict) or not content:
-        return {place.removesuffix("."): content}
-    return {
-        key: value
-        for name, below in content.items()
-        for key, value in _flat(below, f"{place}{name}.").items()
-    }
+def _as_written(config: DictConfig) -> dict[str, Any]:
+    """Hydra's part of a configuration by key, with what refers to something else as it was written."""
+    return dict(flat(OmegaConf.to_container(config.hydra, resolve=False)))
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import yaml
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from locomotion.config import Config
+from locomotion.config import Config, flat
 from locomotion.writing import replacing
 
 
@@ -72,7 +72,7 @@ def read_record(folder: Path) -> dict[str, Any]:
     Raises:
         RunError: if there is none, or it cannot be read.
     """
-    return dict(_flat(read_config(folder)))
+    return dict(flat(read_config(folder)))
 
 
 def is_finished(folder: Path, config: Config) -> bool:
@@ -107,7 +107,7 @@ def differences(folder: Path, config: Config) -> dict[str, tuple[str, str]]:
     Raises:
         RunError: if the folder is no run's.
     """
-    wanted = dict(_flat(OmegaConf.to_container(OmegaConf.structured(config), enum_to_str=True)))
+    wanted = dict(flat(OmegaConf.to_container(OmegaConf.structured(config), enum_to_str=True)))
     found = read_record(folder)
     free = free_keys()
 
@@ -135,11 +135,3 @@ def _free(schema: type, prefix: str = "") -> Iterator[str]:
             yield from _free(types[field.name], f"{prefix}{field.name}.")
         elif field.metadata.get("free"):
             yield f"{prefix}{field.name}"
-
-
-def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in content.items():
-        if isinstance(value, dict) and value:
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value

@@ -3,7 +3,7 @@
 Nothing here imports anything heavy, so that a mistake is answered before torch is loaded.
 """
 
-from locomotion.config.files import GROUPS, conf_dir, load, load_file, typed
+from locomotion.config.files import GROUPS, conf_dir, flat, load, load_file, typed
 from locomotion.config.messages import explain_omegaconf, explain_yaml
 from locomotion.config.schema import (
     Config,
@@ -34,6 +34,7 @@ __all__ = [
     "conf_dir",
     "explain_omegaconf",
     "explain_yaml",
+    "flat",
     "load",
     "load_file",
     "substeps",

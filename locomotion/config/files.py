@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -93,3 +93,12 @@ def typed(schema: type[T], *layers: Any) -> T:
         ) from error
     except OmegaConfBaseException as error:
         raise ConfigError(explain_omegaconf(error, getattr(schema, "PREFIX", ""))) from error
+
+
+def flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Values of nested mappings by keys such as ``ppo.gamma``; lists and empty mappings are values."""
+    for key, value in content.items():
+        if isinstance(value, dict) and value:
+            yield from flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value

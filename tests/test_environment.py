@@ -207,3 +207,33 @@ def test_mistakes_from_python_are_named(arguments, message):
     with pytest.raises(ConfigError) as caught:
         LocomotionEnv(**arguments)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("self_collision", [False, True])
+def test_limbs_pass_through_one_another_unless_told_not_to(self_collision):
+    physics = {"self_collision": self_collision, "threads": 1}
+    env = LocomotionEnv("ant", 1, seed=0, physics=physics)
+    data = mujoco.MjData(env.model)
+    data.qpos[2] = 50.0  # it falls all the while, and does not reach the ground
+    touched = set()
+    for _ in range(200):
+        data.ctrl[:] = np.sin(3 * data.time + np.arange(env.model.nu))
+        mujoco.mj_step(env.model, data)
+        touched |= {frozenset(contact.geom.tolist()) for contact in data.contact}
+    assert bool(touched) == self_collision
+    # What is on the two sides of a hinge never collides.
+    bodies = env.model.geom_bodyid
+    for pair in touched:
+        one, other = bodies[list(pair)]
+        assert env.model.body_parentid[one] != other != one != env.model.body_parentid[other]
+
+
+def test_scales_multiply_masses_and_torques():
+    def env(**physics):
+        return LocomotionEnv("gecko", 1, seed=0, physics={"threads": 1, **physics}).model
+
+    plain, scaled = env(), env(mass_scale=1.5, strength_scale=0.5)
+    np.testing.assert_allclose(scaled.body_mass, 1.5 * plain.body_mass)
+    np.testing.assert_allclose(scaled.body_inertia, 1.5 * plain.body_inertia)
+    for array in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
+        np.testing.assert_allclose(getattr(scaled, array), 0.5 * getattr(plain, array))

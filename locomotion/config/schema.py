@@ -166,6 +166,11 @@ class PhysicsConfig(_Checked):
     damping: float = _key("of the hinges' servos (N·m·s/rad)", least=0, most=1000)
     armature: float = _key("rotor inertia at a hinge (kg·m²)", least=0, most=10)
     friction: float = _key("sliding friction of ground and modules", least=0, most=100)
+    self_collision: bool = _key(
+        "whether modules collide with one another, not only with the ground"
+    )
+    mass_scale: float = _key("factor on the masses of all modules", above=0, most=1000)
+    strength_scale: float = _key("factor on the torque of all servos", above=0, most=1000)
 
 
 @dataclasses.dataclass

@@ -123,11 +123,14 @@ class LocomotionEnv(EnvBase):
                 stiffness=physics.stiffness,
                 damping=physics.damping,
                 armature=physics.armature,
+                mass_scale=physics.mass_scale,
+                strength_scale=physics.strength_scale,
             ),
             control_timestep=1 / control_frequency,
             physics_timestep=physics.timestep,
             settle_time=settle_time,
             friction=physics.friction,
+            self_collision=physics.self_collision,
         )
         self._physics = ThreadedPhysics(_compile(self._task), num_envs, physics.threads)
         self._start = torch.zeros(num_envs, 2, dtype=torch.float64)

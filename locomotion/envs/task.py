@@ -27,6 +27,8 @@ class WalkAway(composer.Task):
         physics_timestep: length of a physics step (s); must divide ``control_timestep``.
         settle_time: how long the robot settles at the start (s).
         friction: sliding friction of the ground.
+        self_collision: whether the robot's modules collide with one another; those on both sides of
+            a hinge never do.
     """
 
     def __init__(
@@ -36,6 +38,7 @@ class WalkAway(composer.Task):
         physics_timestep: float = 0.01,
         settle_time: float = 0.5,
         friction: float = 1.0,
+        self_collision: bool = False,
     ) -> None:
         self._robot = robot
         self._settle_time = settle_time
@@ -43,6 +46,8 @@ class WalkAway(composer.Task):
         frame = self._arena.add_free_entity(robot)
         frame.pos = (0.0, 0.0, robot.standing_height)
         self._stand_on_ground(friction)
+        if self_collision:
+            self._collide_with_itself()
         for actuator in robot.actuators:
             actuator.ctrlrange = (-TARGET_LIMIT, TARGET_LIMIT)  # MuJoCo clips the targets
         option = self._arena.mjcf_model.option
@@ -74,6 +79,13 @@ class WalkAway(composer.Task):
                     friction=(sliding, sliding, *geom.friction[[1, 2, 2]]),
                 )
             geom.conaffinity = 0
+
+    def _collide_with_itself(self) -> None:
+        # A type of contact that the ground has no part in. MuJoCo leaves out pairs within a body, and
+        # between a body and its parent, which a hinge lets overlap.
+        for geom in self._robot.mjcf_model.find_all("geom"):
+            if geom not in self._robot.covered_geoms:
+                geom.set_attributes(contype=2, conaffinity=2)
 
     @property
     def root_entity(self) -> Ground:

@@ -30,6 +30,8 @@ class ModularRobot(composer.Entity):
         stiffness: of the hinges' servos (N·m/rad).
         damping: of the hinges' servos (N·m·s/rad).
         armature: inertia of the motors' rotors as seen by the joints (kg·m²).
+        mass_scale: factor on the masses of all modules.
+        strength_scale: factor on the torque of all servos.
 
     Raises:
         BodyError: if the body cannot exist.
@@ -43,24 +45,31 @@ class ModularRobot(composer.Entity):
         stiffness: float = 1.0,
         damping: float = 0.05,
         armature: float = 0.002,
+        mass_scale: float = 1.0,
+        strength_scale: float = 1.0,
     ) -> None:
         self._body = body if isinstance(body, Module) else parse_body(body)
-        self._friction = friction
-        self._servo = {"stiffness": stiffness, "damping": damping, "armature": armature}
+        self._material = {"friction": friction, "mass_scale": mass_scale}
+        self._servo = {
+            "stiffness": stiffness,
+            "damping": damping,
+            "armature": armature,
+            "strength_scale": strength_scale,
+        }
         self._hinges: dict[str, ActiveHinge] = {}
         self._mjcf_root = mjcf.RootElement(model=name)
         self._mjcf_root.compiler.fusestatic = True
-        self._core = Core(name="core", friction=friction)
+        self._core = Core(name="core", **self._material)
         self.attach(self._core, self._mjcf_root.worldbody.add("site", name="origin", group=4))
         self._attach_children(self._core, self._body)
 
     def _attach_children(self, parent: composer.Entity, module: Module) -> None:
         for face, child in module.children.items():
             if child.kind == "hinge":
-                entity = ActiveHinge(name=face, friction=self._friction, **self._servo)
+                entity = ActiveHinge(name=face, **self._material, **self._servo)
                 self._hinges[child.path] = entity
             else:
-                entity = _RIGID[child.kind](name=face, friction=self._friction)
+                entity = _RIGID[child.kind](name=face, **self._material)
             frame = parent.attach(entity, parent.attachment_sites[face])
             half_angle = child.quarter_turns * math.pi / 4
             # The frame takes the site's pose; the child is turned about its own x axis on top.

@@ -15,11 +15,12 @@ from tensordict import TensorDictBase
 from torchrl import torchrl_logger
 from torchrl.envs import TransformedEnv
 
-from locomotion.agents import PPO, make_actor, make_critic
+from locomotion.agents import PPO, make_critic
+from locomotion.assembly import make_env, make_policy, policy_keys
 from locomotion.composing import compose
 from locomotion.envs import WalkAway
 from locomotion.envs.task import TARGET_LIMIT
-from locomotion.train import make_collector, make_env, policy_keys
+from locomotion.train import make_collector
 
 #: What the project says in the MJCF to save time, as (path, attribute). MuJoCo's default holds where
 #: the attribute, or with ``None`` all that the element says, is missing.
@@ -60,7 +61,7 @@ class Training:
         self.frames = frames
         self.env = make_env(config)
         self.substeps = round(1 / config.env.control_frequency / config.physics.timestep)
-        actor = make_actor(self.env.observation_spec, self.env.action_spec, policy_keys(config))
+        actor = make_policy(config, self.env)
         critic = make_critic(self.env.observation_spec, policy_keys(config))
         self._collector = make_collector(config, self.env, actor)
         self._batches = iter(self._collector)

@@ -15,12 +15,11 @@ from pathlib import Path
 import torch
 
 from benchmarks.ours import plain_model
-from locomotion.agents import make_actor
+from locomotion.assembly import make_env, make_policy
 from locomotion.checkpoints import Checkpoints
 from locomotion.config import Config, ConfigError, typed
 from locomotion.physics import ThreadedPhysics
 from locomotion.runs import RunError, read_config
-from locomotion.train import make_env, policy_keys
 
 NUM_ENVS, STEPS, WARM_UP = 256, 400, 50
 
@@ -41,7 +40,7 @@ def walk(run: Path, config: Config, fused: bool | None) -> tuple[float, float]:
         inner = env.base_env
         model = plain_model(inner.task, fused)
         inner._physics = ThreadedPhysics(model, NUM_ENVS, config.physics.threads)
-    actor = make_actor(env.observation_spec, env.action_spec, policy_keys(config))
+    actor = make_policy(config, env)
     if not Checkpoints(run, actor=actor).load_latest():
         raise RunError(f"{run} holds no checkpoint")
     with torch.no_grad():

@@ -48,7 +48,8 @@ def train(config: Config, folder: Path) -> None:
     from torchrl.checkpoint import GlobalRNGState
     from tqdm import tqdm
 
-    from locomotion.agents import PPO, make_actor, make_critic
+    from locomotion.agents import PPO, make_critic
+    from locomotion.assembly import make_env, make_policy, policy_keys
     from locomotion.checkpoints import Checkpoints, saved
     from locomotion.plots import plot_learning_curves, read_run
     from locomotion.recording import MetricsWriter, save_divergences
@@ -58,7 +59,7 @@ def train(config: Config, folder: Path) -> None:
     torch.set_num_threads(1)  # for networks this small a second one takes more than it gives
     torch.manual_seed(config.seed)
     env = make_env(config)
-    actor = make_actor(env.observation_spec, env.action_spec, policy_keys(config))
+    actor = make_policy(config, env)
     critic = make_critic(env.observation_spec, policy_keys(config))
     frames = config.env.num_envs * config.ppo.steps
     collector = make_collector(config, env, actor)
@@ -141,42 +142,11 @@ def train(config: Config, folder: Path) -> None:
     print(f"{folder}: {mean_reward:.4f} m per action in the last ten iterations", flush=True)
 
 
-def make_env(config: Config) -> TransformedEnv:
-    """The environment of a run, with the entries that its policy sees."""
-    from torchrl.envs import Compose, TransformedEnv
-
-    from locomotion.envs import LocomotionEnv
-    from locomotion.transforms import HingeHistory, IncludeOrientation
-
-    observations = ["hinge_position"]
-    transforms = [HingeHistory(config.obs.hinge_steps)]
-    if config.obs.orientation is not None:
-        observations.append("core_orientation")
-        transforms.append(IncludeOrientation(config.obs.orientation.value))
-    env = LocomotionEnv(
-        config.robot,
-        config.env.num_envs,
-        physics=config.physics,
-        control_frequency=config.env.control_frequency,
-        settle_time=config.env.settle_time,
-        time_limit=config.env.time_limit,
-        observations=observations,
-        seed=config.seed,
-    )
-    return TransformedEnv(env, Compose(*transforms))
-
-
 def make_collector(config: Config, env: TransformedEnv, actor: ProbabilisticActor) -> Collector:
     """Collects ``ppo.steps`` control steps of all robots at a time, until the run is over."""
     from locomotion.agents import RolloutCollector
 
     return RolloutCollector(env, actor, config.ppo.steps, config.ppo.iterations)
-
-
-def policy_keys(config: Config) -> list[str]:
-    """The entries that the policy sees; each gets an encoder of its own."""
-    orientation = [] if config.obs.orientation is None else ["orientation"]
-    return ["hinge_position_history", *orientation]
 
 
 if __name__ == "__main__":

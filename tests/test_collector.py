@@ -3,9 +3,10 @@
 import pytest
 import torch
 
-from locomotion.agents import PPO, make_actor, make_critic
+from locomotion.agents import PPO, make_critic
+from locomotion.assembly import make_env, make_policy, policy_keys
 from locomotion.composing import compose
-from locomotion.train import make_collector, make_env, policy_keys
+from locomotion.train import make_collector
 
 STEPS = 12
 
@@ -20,7 +21,7 @@ def collecting(*overrides):
     )
     torch.manual_seed(config.seed)
     env = make_env(config)
-    actor = make_actor(env.observation_spec, env.action_spec, policy_keys(config))
+    actor = make_policy(config, env)
     return config, actor, make_collector(config, env, actor)
 
 

@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from locomotion.agents import make_actor
+from locomotion.assembly import make_env, make_policy
 from locomotion.composing import compose
 from locomotion.envs import LocomotionEnv
-from locomotion.train import make_collector, make_env, policy_keys
+from locomotion.train import make_collector
 
 NAN, INF = float("nan"), float("inf")
 #: Entry of the state (position or velocity, index) and the value it is given.
@@ -115,7 +115,7 @@ def test_the_learner_sees_a_terminated_step_and_a_fresh_start(time_limit):
         torch.manual_seed(0)
         env = make_env(config)
         robots = env.base_env
-        actor = make_actor(env.observation_spec, env.action_spec, policy_keys(config))
+        actor = make_policy(config, env)
         collector = make_collector(config, env, actor)
         advance, count = robots.advance, iter(range(10))
 

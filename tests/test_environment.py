@@ -237,3 +237,16 @@ def test_scales_multiply_masses_and_torques():
     np.testing.assert_allclose(scaled.body_inertia, 1.5 * plain.body_inertia)
     for array in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
         np.testing.assert_allclose(getattr(scaled, array), 0.5 * getattr(plain, array))
+
+
+def test_watching_every_physics_step_changes_nothing():
+    watched, plain = (LocomotionEnv("ant", 3, seed=0) for _ in range(2))
+    places = []
+    watched.add_after_substep(lambda physics: places.append(physics.qpos[:, :2].clone()))
+    trajectories = []
+    for env in (watched, plain):
+        torch.manual_seed(0)
+        trajectories.append(env.rollout(6))
+    assert (trajectories[0] == trajectories[1]).all()
+    assert len(places) == 6 * 25
+    torch.testing.assert_close(places[24], trajectories[0]["next", "core_position"][:, 0, :2])

@@ -14,6 +14,7 @@ from filelock import FileLock
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from benchmarks.kill_and_resume import command, outcome
+from locomotion import assembly
 from locomotion import train as training
 from locomotion.agents import PPO, make_actor
 from locomotion.checkpoints import Checkpoints, path_of
@@ -297,8 +298,8 @@ def test_a_checkpoint_from_a_stranger_runs_no_code(whole, tmp_path):
 
 
 def specs(config):
-    env = training.make_env(config)
-    return env.observation_spec, env.action_spec, training.policy_keys(config)
+    env = assembly.make_env(config)
+    return env.observation_spec, env.action_spec, assembly.policy_keys(config)
 
 
 def test_tensorboard_shows_each_row_once(whole, tmp_path):

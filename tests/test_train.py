@@ -9,11 +9,10 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from locomotion.agents import make_actor
+from locomotion.assembly import make_env, make_policy
 from locomotion.checkpoints import Checkpoints
 from locomotion.composing import compose
 from locomotion.config import Config, load, typed
-from locomotion.train import make_env, policy_keys
 
 ROOT = Path(__file__).parents[1]
 SMALL = ["env.num_envs=3", "ppo.steps=4", "ppo.minibatch_size=6", "ppo.iterations=2"]
@@ -58,7 +57,7 @@ def test_a_run_leaves_metrics_checkpoints_and_a_picture(sweep):
         assert [row["frames"] for row in metrics] == ["12", "24"]
         config = typed(Config, OmegaConf.load(run / ".hydra" / "config.yaml"))
         env = make_env(config)
-        actor = make_actor(env.observation_spec, env.action_spec, policy_keys(config))
+        actor = make_policy(config, env)
         assert Checkpoints(run, actor=actor).load_latest() == 2
         assert [encoder.in_features for encoder in actor.module[0].net.encoders] == actor_inputs
         assert (run / "learning_curve.png").read_bytes().startswith(b"\x89PNG")

@@ -137,6 +137,7 @@ class LocomotionEnv(EnvBase):
         self._distance = torch.zeros(num_envs, dtype=torch.float64)
         self._steps = torch.zeros(num_envs, dtype=torch.int64)
         self._divergences = collections.deque[Divergence](maxlen=MOST_DIVERGENCES)
+        self._after_substep: list[Callable[[Physics], None]] = []
         self._observations = _chosen(observations)
         self._make_specs(num_envs, self.model.nu)
         self.set_seed(_random_seed() if seed is None else seed)
@@ -163,6 +164,11 @@ class LocomotionEnv(EnvBase):
     def model(self) -> mujoco.MjModel:
         """The compiled model that all robots share."""
         return self._physics.model
+
+    @property
+    def physics(self) -> Physics:
+        """What steps the robots, with their positions and velocities as they are now."""
+        return self._physics
 
     @property
     def task(self) -> WalkAway:
@@ -230,7 +236,7 @@ class LocomotionEnv(EnvBase):
             Whose simulation diverged, which ends the episode without a reward, and who has reached
             the time limit, both bool of shape ``(num_envs,)``; ``None`` if nobody's episode ended.
         """
-        diverged = self._note(self._physics.step(action, self._substeps), action)
+        diverged = self._note(self._take_substeps(action), action)
         place.copy_(self._physics.qpos[:, :2])
         if self._step_limit is None:
             return None if diverged is None else (diverged, torch.zeros_like(diverged))
@@ -239,6 +245,27 @@ class LocomotionEnv(EnvBase):
         if diverged is None:
             return (torch.zeros_like(late), late) if late.any() else None
         return diverged, late & ~diverged
+
+    def add_after_substep(self, hook: Callable[[Physics], None]) -> None:
+        """Has a function called after every physics step of a control step.
+
+        To see what happens between two observations: the physics steps come out as they would without,
+        but are taken one at a time, which costs speed.
+        """
+        self._after_substep.append(hook)
+
+    def _take_substeps(self, action: torch.Tensor) -> torch.Tensor | None:
+        if not self._after_substep:
+            return self._physics.step(action, self._substeps)
+        diverged = sound = None
+        for _ in range(self._substeps):
+            wrong = self._physics.step(action, 1, sound)
+            if wrong is not None:
+                diverged = wrong if diverged is None else diverged | wrong
+                sound = ~diverged
+            for hook in self._after_substep:
+                hook(self._physics)
+        return diverged
 
     def _note(self, diverged: torch.Tensor | None, control: torch.Tensor) -> torch.Tensor | None:
         """Keeps what led robots to diverge."""

@@ -18,11 +18,10 @@ import hydra
 from filelock import FileLock, Timeout
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf
 
-from locomotion.composing import compose_job, explained, register, split_sweep
-from locomotion.config import GROUPS, Config, ConfigError, conf_dir, load, typed
+from locomotion.composing import amend, compose_job, parse, register, split_sweep
+from locomotion.config import Config, ConfigError, conf_dir, typed
 from locomotion.runs import (
     RunError,
     RunStopped,
@@ -70,7 +69,7 @@ def launch(job: Job) -> None:
 
         hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name="config")(run)()
     except (ConfigError, RunError) as error:
-        _refuse(str(error))
+        refuse(str(error))
     except KeyboardInterrupt as error:
         print(str(error) or "interrupted", file=sys.stderr)
         sys.exit(130)
@@ -78,7 +77,7 @@ def launch(job: Job) -> None:
 
 def _parse() -> argparse.Namespace:
     parser = get_args_parser()
-    parser.error = _refuse
+    parser.error = refuse
     arguments = parser.parse_args()
     if arguments.experimental_rerun is not None:
         raise ConfigError("--experimental-rerun runs what is in a file; use resume=FOLDER")
@@ -112,16 +111,7 @@ def _resume(job: Job, folder: Path, overrides: list[str]) -> None:
     """Goes on with the run in a folder, in which only what leaves its numbers alone may change."""
     saved = OmegaConf.create(read_config(folder))
     before = typed(Config, saved).ppo.iterations
-    with explained(overrides):
-        parsed = OverridesParser.create().parse_overrides(overrides)
-    for override in parsed:
-        key, value = override.key_or_group, override.value()
-        if override.is_sweep_override() or override.is_delete() or key.startswith("hydra"):
-            raise ConfigError(f"{override.input_line} has no meaning beside resume=FOLDER")
-        if key in GROUPS and isinstance(value, str):
-            value = OmegaConf.structured(load(f"{key}/{value}"))
-        with explained(overrides):
-            OmegaConf.update(saved, key, value, merge=True, force_add=True)
+    amend(saved, parse(overrides, "beside resume=FOLDER"))
     config = typed(Config, saved)
     for key, (there, asked) in differences(folder, config).items():
         if key != "ppo.iterations":
@@ -183,23 +173,24 @@ def _run(
                 record(folder, **files)
             job(config, folder)
     except Timeout:
-        _refuse(f"{folder}: another process is training there")
+        refuse(f"{folder}: another process is training there")
     except (ConfigError, RunError) as error:
-        _refuse(str(error))
+        refuse(str(error))
     except RunStopped as error:
-        _refuse(str(error), status=1)
+        refuse(str(error), status=1)
     except OSError as error:
-        _refuse(f"{error.filename or folder}: {error.strerror or error}", status=1)
+        refuse(f"{error.filename or folder}: {error.strerror or error}", status=1)
     except (MemoryError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and "can't allocate memory" not in str(error):
             raise
-        _refuse(
+        refuse(
             f"not enough memory for env.num_envs={config.env.num_envs} robots that take"
             f" ppo.steps={config.ppo.steps} each",
             status=1,
         )
 
 
-def _refuse(message: str, status: int = 2) -> NoReturn:
+def refuse(message: str, status: int = 2) -> NoReturn:
+    """Ends the process with one line on standard error."""
     print(f"error: {message}", file=sys.stderr)
     sys.exit(status)

@@ -22,20 +22,24 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException, MissingConfigException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
 from locomotion.config import (
+    GROUPS,
     Config,
     ConfigError,
     conf_dir,
     explain_omegaconf,
     explain_yaml,
     flat,
+    load,
     typed,
 )
+from locomotion.runs import read_config
 from locomotion.usage import help_template
 
 #: What of Hydra's own part may be set. The rest names what Hydra calls, what logging opens and what a
@@ -116,6 +120,53 @@ def split_sweep(
         lists = [f"{key}={values}" for key, values in (sweep.sweeper.params or {}).items()]
         parsed = OverridesParser.create().parse_overrides([*lists, *overrides])
         return BasicSweeper.split_arguments(parsed, max_batch_size=None)[0]
+
+
+def recorded(folder: Path) -> DictConfig:
+    """The configuration that a run was started with, to be amended and checked.
+
+    Keys that came later have their defaults, which do what was done before there were any.
+
+    Raises:
+        RunError: if the folder is no run's.
+    """
+    saved = read_config(folder)
+    defaults = OmegaConf.to_container(OmegaConf.structured(compose()), enum_to_str=True)
+    del defaults["robot"]  # bodies are trees, and two of them are not to be merged
+    return OmegaConf.merge(defaults, saved)
+
+
+def parse(overrides: Sequence[str], where: str) -> list[Override]:
+    """Overrides that each set one key to one value.
+
+    Args:
+        overrides: such as ``ppo.iterations=50``.
+        where: where they stand, for messages.
+
+    Raises:
+        ConfigError: for anything else.
+    """
+    with explained(overrides):
+        parsed = OverridesParser.create().parse_overrides(list(overrides))
+    for override in parsed:
+        hydras = override.key_or_group.startswith("hydra")
+        if override.is_sweep_override() or override.is_delete() or hydras:
+            raise ConfigError(f"{override.input_line} has no meaning {where}")
+    return parsed
+
+
+def amend(saved: DictConfig, overrides: Sequence[Override]) -> None:
+    """Applies overrides to the configuration that a run was started with.
+
+    Raises:
+        ConfigError: for an option that is not there, or a key that cannot be set so.
+    """
+    for override in overrides:
+        key, value = override.key_or_group, override.value()
+        if key in GROUPS and isinstance(value, str):
+            value = OmegaConf.structured(load(f"{key}/{value}"))
+        with explained([override.input_line]):
+            OmegaConf.update(saved, key, value, merge=True, force_add=True)
 
 
 @functools.cache

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from locomotion.config import LoggerBackend, LoggerConfig
 from locomotion.envs import Divergence
 from locomotion.runs import RunError
 from locomotion.writing import replacing
@@ -20,15 +19,13 @@ class MetricsWriter:
 
     Args:
         folder: the run's folder.
-        config: where else metrics go.
         rows: how many rows to keep of those that are there; the others are removed.
-        frames: how many frames are behind them.
 
     Raises:
         RunError: if there are fewer rows.
     """
 
-    def __init__(self, folder: Path, config: LoggerConfig, rows: int = 0, frames: int = 0) -> None:
+    def __init__(self, folder: Path, rows: int = 0) -> None:
         path = folder / "metrics.csv"
         self._columns: list[str] | None = None
         if rows:
@@ -42,15 +39,6 @@ class MetricsWriter:
             partial.write_bytes(b"".join(lines[: 1 + rows]))
         # Without a buffer, whose content would be tried again when the file is closed.
         self._file = path.open("ab", buffering=0)
-        self._logger = None
-        if config.backend is LoggerBackend.tensorboard:
-            from torchrl.record.loggers.tensorboard import TensorboardLogger
-
-            before = any((folder / "tensorboard").glob("events*"))
-            self._logger = TensorboardLogger(exp_name="tensorboard", log_dir=str(folder))
-            if before:  # hides what the run had logged after the checkpoint
-                self._logger.experiment.close()
-                self._logger.experiment.purge_step = frames + 1
 
     def write(self, row: Mapping[str, float]) -> None:
         """Adds one row; the first one decides the columns."""
@@ -66,8 +54,6 @@ class MetricsWriter:
             self._file.truncate(whole)
             error.filename = error.filename or self._file.name
             raise
-        if self._logger is not None:
-            self._logger.log_metrics(dict(row), step=int(row["frames"]))
 
     def sync(self) -> None:
         """Makes sure that all rows are on the disk."""

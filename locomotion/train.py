@@ -8,21 +8,26 @@ own, and takes as many lines to wire up as this loop takes to read.
 
 from __future__ import annotations
 
+import dataclasses
+import sys
 import time
-import warnings
 from multiprocessing import parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from locomotion.cli import launch
-from locomotion.config import Config
+from locomotion.config import Config, ConfigError
 from locomotion.interruption import WishToStop
+from locomotion.quiet import quiet
+from locomotion.rendering.graphics import choose_graphics
 from locomotion.runs import RunError, RunStopped
 
 if TYPE_CHECKING:
     from torchrl.collectors import Collector
     from torchrl.envs import TransformedEnv
     from torchrl.modules import ProbabilisticActor
+
+    from locomotion.loggers import RunLogger
 
 
 def train(config: Config, folder: Path) -> None:
@@ -39,24 +44,19 @@ def train(config: Config, folder: Path) -> None:
         RunStopped: if the run cannot go on.
         KeyboardInterrupt: if it was asked to stop, with the iteration it stopped after; it is saved.
     """
-    # dm-control turns such warnings on for everyone; these are TorchRL's, about parts of its own.
-    warnings.filterwarnings("ignore", "Creating .*WeightUpdaterBase is deprecated")
     # Importing these takes seconds, so they wait until the configuration has been checked.
+    quiet()
     import torch
-    from absl import logging as absl_logging
-    from torchrl import torchrl_logger
     from torchrl.checkpoint import GlobalRNGState
     from tqdm import tqdm
 
     from locomotion.agents import PPO, make_critic
     from locomotion.assembly import make_env, make_policy, policy_keys
     from locomotion.checkpoints import Checkpoints, saved
+    from locomotion.loggers import open_logger
     from locomotion.plots import plot_learning_curves, read_run
     from locomotion.recording import MetricsWriter, save_divergences
 
-    torchrl_logger.setLevel("WARNING")
-    absl_logging.set_verbosity("error")  # MuJoCo's warnings; what diverges is recorded below
-    torch.set_num_threads(1)  # for networks this small a second one takes more than it gives
     torch.manual_seed(config.seed)
     env = make_env(config)
     actor = make_policy(config, env)
@@ -77,7 +77,8 @@ def train(config: Config, folder: Path) -> None:
     checkpoints.remove_partial()
     completed = checkpoints.load_latest()
     env.base_env.take_divergences()  # of starts that a checkpoint has replaced
-    metrics = MetricsWriter(folder, config.logger, completed, completed * frames)
+    metrics = MetricsWriter(folder, completed)
+    logger = open_logger(folder, config, completed * frames)
 
     # No bar without a terminal, nor beside other jobs, whose bars would write over one another.
     progress = tqdm(
@@ -106,19 +107,20 @@ def train(config: Config, folder: Path) -> None:
                 path = save_divergences(folder, completed, divergences)
                 progress.write(f"simulations diverged: {path}")
             mean_reward = batch["next", "reward"].mean().item()
-            metrics.write(
-                {
-                    "iteration": completed,
-                    "frames": (completed + 1) * frames,
-                    "mean_reward": mean_reward,
-                    "mean_value": batch["state_value"].mean().item(),
-                    **{name: value.item() for name, value in losses.items()},
-                    "actor_lr": learning_rate,
-                    "diverged": batch["next", "terminated"].sum().item(),
-                    "collect_seconds": collected - started,
-                    "update_seconds": finished - collected,
-                }
-            )
+            row = {
+                "iteration": completed,
+                "frames": (completed + 1) * frames,
+                "mean_reward": mean_reward,
+                "mean_value": batch["state_value"].mean().item(),
+                **{name: value.item() for name, value in losses.items()},
+                "actor_lr": learning_rate,
+                "diverged": batch["next", "terminated"].sum().item(),
+                "collect_seconds": collected - started,
+                "update_seconds": finished - collected,
+            }
+            metrics.write(row)
+            if logger is not None:
+                logger.log(row)
             fps = frames / (finished - started)
             progress.set_postfix(reward=f"{mean_reward:.4f} m", fps=f"{fps:.0f}", refresh=False)
             progress.update()
@@ -134,12 +136,37 @@ def train(config: Config, folder: Path) -> None:
             started = time.perf_counter()
     metrics.close()
     collector.shutdown()
+    if logger is not None:
+        if config.logger.video_seconds:
+            _film(config, folder, logger, completed * frames)
+        logger.close()
     try:
         plot_learning_curves(folder, folder / "learning_curve.png")
     except RunError as error:
         raise RunStopped(str(error)) from error
     mean_reward = read_run(folder).mean_reward[-10:].mean()
     print(f"{folder}: {mean_reward:.4f} m per action in the last ten iterations", flush=True)
+
+
+def _film(config: Config, folder: Path, logger: RunLogger, frames: int) -> None:
+    """Films the trained policy for a logger; where nothing can be drawn it says so, and the run is whole."""
+    from locomotion.gaits import make_walker
+    from locomotion.rendering.film import write_film
+    from locomotion.rendering.motion import record_motion
+
+    one = dataclasses.replace(
+        config,
+        env=dataclasses.replace(config.env, num_envs=1, time_limit=None),
+        ppo=dataclasses.replace(config.ppo, steps=1, minibatch_size=1),  # nothing learns here
+    )
+    motion = record_motion(make_walker(folder, one), config.logger.video_seconds, fps=25)
+    film = folder / f"gait{logger.film_ending}"
+    try:
+        write_film(motion, film, 480, 270)
+    except ConfigError as error:
+        print(f"warning: {folder}: no film of the gait; {error}", file=sys.stderr)
+    else:
+        logger.log_film(film, frames)
 
 
 def make_collector(config: Config, env: TransformedEnv, actor: ProbabilisticActor) -> Collector:
@@ -150,4 +177,5 @@ def make_collector(config: Config, env: TransformedEnv, actor: ProbabilisticActo
 
 
 if __name__ == "__main__":
+    choose_graphics()  # before MuJoCo is imported; a film may be drawn at the end
     launch(train)

@@ -111,7 +111,7 @@ def test_defaults_are_the_reports():
     assert (config.ppo.entropy_coeff, config.env.control_frequency) == (0.01, 4.0)
 
 
-def test_a_wheel_carries_the_configuration(tmp_path):
+def test_a_wheel_carries_configuration_and_policies(tmp_path):
     subprocess.run(
         [sys.executable, "-m", "pip", "wheel", "--no-deps", "-q", "-w", tmp_path, ROOT], check=True
     )
@@ -121,9 +121,15 @@ def test_a_wheel_carries_the_configuration(tmp_path):
         f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r});"
         "from locomotion.composing import compose; from locomotion.config import conf_dir;"
         "from locomotion.plots import REPORT, read_csv;"
-        "print(conf_dir(), compose('robot=ant').robot.name, len(read_csv(REPORT)))"
+        "from locomotion.commands import POLICIES, shipped; from locomotion.runs import read_config;"
+        "print(conf_dir(), compose('robot=ant').robot.name, len(read_csv(REPORT)));"
+        "print(*shipped(), read_config(POLICIES / 'gecko')['robot']['name']);"
+        "print(*POLICIES.glob('*/checkpoints/*.ckpt'))"
     )
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
     )
-    assert result.stdout == f"{tmp_path / 'site' / 'locomotion' / 'conf'} ant 6\n"
+    first, second, third = result.stdout.splitlines()
+    assert first == f"{tmp_path / 'site' / 'locomotion' / 'conf'} ant 6"
+    assert second == "ant gecko gecko"
+    assert third.count(".ckpt") == 2

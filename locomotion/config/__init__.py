@@ -3,6 +3,7 @@
 Nothing here imports anything heavy, so that a mistake is answered before torch is loaded.
 """
 
+from locomotion.config.commands import EvaluateConfig, ExportConfig, WalkConfig, WatchConfig
 from locomotion.config.files import GROUPS, conf_dir, flat, load, load_file, typed
 from locomotion.config.messages import explain_omegaconf, explain_yaml
 from locomotion.config.schema import (
@@ -24,6 +25,8 @@ __all__ = [
     "Config",
     "ConfigError",
     "EnvConfig",
+    "EvaluateConfig",
+    "ExportConfig",
     "LoggerBackend",
     "LoggerConfig",
     "ObsConfig",
@@ -31,6 +34,8 @@ __all__ = [
     "PPOConfig",
     "PhysicsConfig",
     "RobotConfig",
+    "WalkConfig",
+    "WatchConfig",
     "conf_dir",
     "explain_omegaconf",
     "explain_yaml",

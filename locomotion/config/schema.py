@@ -22,7 +22,7 @@ class ConfigError(ValueError):
     """A configuration that cannot be used; the message is one line that names the key."""
 
 
-def _key(
+def key(
     meaning: str,
     *,
     above: float | None = None,
@@ -38,7 +38,7 @@ def _key(
     return dataclasses.field(default=MISSING, metadata={"meaning": meaning, "free": free, **limits})
 
 
-class _Checked:
+class Checked:
     """Checks every field against the range in its metadata when an instance is made."""
 
     #: Where the keys stand in the configuration, for messages.
@@ -84,16 +84,17 @@ class LoggerBackend(enum.Enum):
 
     csv = "csv"
     tensorboard = "tensorboard"
+    wandb = "wandb"
 
 
 @dataclasses.dataclass
-class RobotConfig(_Checked):
+class RobotConfig(Checked):
     """A robot: its name and the tree of its modules (see :mod:`locomotion.robots.body`)."""
 
     PREFIX = "robot."
 
-    name: str = _key("name of the robot, in run folders and in the compiled model")
-    body: dict[str, Any] = _key("tree of modules: module, rotation (degrees), children by face")
+    name: str = key("name of the robot, in run folders and in the compiled model")
+    body: dict[str, Any] = key("tree of modules: module, rotation (degrees), children by face")
 
     def __post_init__(self) -> None:
         from locomotion.robots.body import BodyError, parse_body
@@ -107,31 +108,29 @@ class RobotConfig(_Checked):
 
 
 @dataclasses.dataclass
-class ObsConfig(_Checked):
+class ObsConfig(Checked):
     """What the policy observes."""
 
     PREFIX = "obs."
 
-    hinge_steps: int = _key(
-        "how many of the last hinge positions, newest first", least=1, most=1000
-    )
-    orientation: Orientation | None = _key(
+    hinge_steps: int = key("how many of the last hinge positions, newest first", least=1, most=1000)
+    orientation: Orientation | None = key(
         "the core's orientation as quaternion, rotation_6d, gravity or yaw; null leaves it out"
     )
 
 
 @dataclasses.dataclass
-class EnvConfig(_Checked):
+class EnvConfig(Checked):
     """The task."""
 
     PREFIX = "env."
 
-    num_envs: int = _key("robots that are stepped together", least=1, most=1_000_000)
-    control_frequency: float = _key("actions a second (Hz)", above=0, most=1000)
-    settle_time: float = _key(
+    num_envs: int = key("robots that are stepped together", least=1, most=1_000_000)
+    control_frequency: float = key("actions a second (Hz)", above=0, most=1000)
+    settle_time: float = key(
         "at the start, how long (s) a robot settles under random targets", least=0, most=3600
     )
-    time_limit: float | None = _key(
+    time_limit: float | None = key(
         "length of an episode (s), then a reset; null: robots walk on for ever",
         above=0,
         most=1_000_000_000,
@@ -153,64 +152,71 @@ class EnvConfig(_Checked):
 
 
 @dataclasses.dataclass
-class PhysicsConfig(_Checked):
+class PhysicsConfig(Checked):
     """How bodies move and what steps them."""
 
     PREFIX = "physics."
 
-    timestep: float = _key("length of a physics step (s)", above=0, most=1)
-    threads: int | None = _key(
+    timestep: float = key("length of a physics step (s)", above=0, most=1)
+    threads: int | None = key(
         "threads that step robots; null: one for each core", least=1, most=4096, free=True
     )
-    stiffness: float = _key("of the hinges' servos (N·m/rad)", above=0, most=1000)
-    damping: float = _key("of the hinges' servos (N·m·s/rad)", least=0, most=1000)
-    armature: float = _key("rotor inertia at a hinge (kg·m²)", least=0, most=10)
-    friction: float = _key("sliding friction of ground and modules", least=0, most=100)
-    self_collision: bool = _key(
-        "whether modules collide with one another, not only with the ground"
-    )
-    mass_scale: float = _key("factor on the masses of all modules", above=0, most=1000)
-    strength_scale: float = _key("factor on the torque of all servos", above=0, most=1000)
+    stiffness: float = key("of the hinges' servos (N·m/rad)", above=0, most=1000)
+    damping: float = key("of the hinges' servos (N·m·s/rad)", least=0, most=1000)
+    armature: float = key("rotor inertia at a hinge (kg·m²)", least=0, most=10)
+    friction: float = key("sliding friction of ground and modules", least=0, most=100)
+    self_collision: bool = key("whether modules collide with one another, not only with the ground")
+    mass_scale: float = key("factor on the masses of all modules", above=0, most=1000)
+    strength_scale: float = key("factor on the torque of all servos", above=0, most=1000)
 
 
 @dataclasses.dataclass
-class PPOConfig(_Checked):
+class PPOConfig(Checked):
     """Proximal policy optimisation (Schulman et al. 2017)."""
 
     PREFIX = "ppo."
 
-    iterations: int = _key("rounds of collecting and learning", least=1, most=1_000_000_000)
-    steps: int = _key("control steps each robot takes in an iteration", least=1, most=1_000_000)
-    epochs: int = _key("passes over the data of an iteration", least=1, most=1_000_000)
-    minibatch_size: int = _key("frames in a gradient step", least=1, most=1_000_000_000)
-    actor_lr: float = _key("Adam's learning rate for the actor at the start", above=0, most=10)
-    critic_lr: float = _key("Adam's learning rate for the critic at the start", above=0, most=10)
-    gamma: float = _key("discount per control step", least=0, most=1)
-    gae_lambda: float = _key("lambda of generalised advantage estimation", least=0, most=1)
-    clip_epsilon: float = _key("how far the probability ratio may leave 1", above=0, most=0.99)
-    entropy_coeff: float = _key(
+    iterations: int = key("rounds of collecting and learning", least=1, most=1_000_000_000)
+    steps: int = key("control steps each robot takes in an iteration", least=1, most=1_000_000)
+    epochs: int = key("passes over the data of an iteration", least=1, most=1_000_000)
+    minibatch_size: int = key("frames in a gradient step", least=1, most=1_000_000_000)
+    actor_lr: float = key("Adam's learning rate for the actor at the start", above=0, most=10)
+    critic_lr: float = key("Adam's learning rate for the critic at the start", above=0, most=10)
+    gamma: float = key("discount per control step", least=0, most=1)
+    gae_lambda: float = key("lambda of generalised advantage estimation", least=0, most=1)
+    clip_epsilon: float = key("how far the probability ratio may leave 1", above=0, most=0.99)
+    entropy_coeff: float = key(
         "weight of the policy's entropy, averaged over the hinges", least=0, most=100
     )
 
 
 @dataclasses.dataclass
-class LoggerConfig(_Checked):
+class LoggerConfig(Checked):
     """Where metrics are shown."""
 
     PREFIX = "logger."
 
-    backend: LoggerBackend = _key("csv: metrics.csv alone; tensorboard: event files too", free=True)
+    backend: LoggerBackend = key(
+        "csv: metrics.csv alone; tensorboard or wandb: shown there too", free=True
+    )
+    video_seconds: float = key(
+        "length of the film at the end (s), for tensorboard and wandb; 0: none",
+        least=0,
+        most=3600,
+        free=True,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.backend is LoggerBackend.tensorboard and not importlib.util.find_spec(
-            "tensorboard"
-        ):
-            raise ConfigError("logger=tensorboard needs a package: pip install tensorboard")
+        name = self.backend.value
+        if self.backend is not LoggerBackend.csv and not importlib.util.find_spec(name):
+            raise ConfigError(f"logger={name} needs a package: pip install {name}")
+        if self.backend is LoggerBackend.csv and self.video_seconds:
+            self._refuse("video_seconds", self.video_seconds, "0 with logger=csv, which shows none")
 
 
 @dataclasses.dataclass
-class Config(_Checked):
+class Config(Checked):
     """A whole run."""
 
     robot: RobotConfig = MISSING
@@ -219,8 +225,8 @@ class Config(_Checked):
     physics: PhysicsConfig = MISSING
     ppo: PPOConfig = MISSING
     logger: LoggerConfig = MISSING
-    seed: int = _key("of everything random", least=0, most=2**31 - 1)
-    checkpoint_interval: int = _key(
+    seed: int = key("of everything random", least=0, most=2**31 - 1)
+    checkpoint_interval: int = key(
         "iterations between checkpoints", least=1, most=1_000_000_000, free=True
     )
 

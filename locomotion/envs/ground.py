@@ -39,6 +39,16 @@ class Ground(composer.Arena):
             width=300,
             height=300,
         )
+        root.asset.add(
+            "texture",
+            name="sky",
+            type="skybox",
+            builtin="gradient",
+            rgb1=(0.80, 0.87, 0.93),
+            rgb2=(0.60, 0.66, 0.72),
+            width=64,
+            height=384,
+        )
         material = root.asset.add(
             "material", name="grid", texture=texture, texuniform=True, texrepeat=(5, 5)
         )

@@ -1,0 +1,141 @@
+"""How well a policy walks: ``python -m locomotion.evaluate robot=gecko`` or ``run=FOLDER``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from locomotion.commands import command
+from locomotion.config import Config, EvaluateConfig
+from locomotion.quiet import quiet
+
+if TYPE_CHECKING:
+    from locomotion.gaits import Interval, Share
+
+_EXAMPLES = """\
+  python -m locomotion.evaluate                                the gecko that comes along
+  python -m locomotion.evaluate robot=ant reality_check=true   under what a real robot would bring
+  python -m locomotion.evaluate run=outputs/DATE/TIME env.num_envs=256 seconds=120
+  python -m locomotion.evaluate physics.self_collision=true push=0.5 json=true"""
+
+
+def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
+    """Walks with the policy's mean action and with sampled ones, and prints what was measured.
+
+    Args:
+        run: folder of the run whose policy walks.
+        config: the task it walks in; ``env.num_envs`` robots do.
+        options: for how long, under what, and how to print it.
+
+    Raises:
+        RunError: if the run holds no checkpoint that can be read.
+    """
+    quiet()
+    from tqdm import tqdm
+
+    from locomotion.gaits import (
+        CHANGES,
+        Disturbances,
+        make_walker,
+        measure,
+        shares,
+        summarise,
+        walk,
+    )
+
+    disturbances = Disturbances(options.delay, options.noise, options.push)
+    walker = make_walker(run, config, disturbances)
+    walks = 2 + (1 + len(CHANGES)) * options.reality_check
+    total = walks * max(1, round(options.seconds / walker.period))
+    found, checked = {}, []
+    # No bar without a terminal. It goes to standard error, apart from the result.
+    with tqdm(total=total, desc=config.robot.name, unit="step", disable=None, leave=False) as bar:
+        for sampled in (False, True):
+            walked = walk(walker, options.seconds, sampled, effort=True, progress=bar.update)
+            found["sampled" if sampled else "mean_action"] = summarise(measure(walked))
+        walker.env.close()
+        if options.reality_check:
+            checked = shares(run, config, disturbances, options.seconds, bar.update)
+    if options.json:
+        print(json.dumps(_as_data(run, config, options, found, checked), indent=2))
+    else:
+        print(_as_table(config, options, found))
+        if checked:
+            print(_checked_table(checked))
+
+
+def _as_data(
+    run: Path,
+    config: Config,
+    options: EvaluateConfig,
+    found: dict[str, dict[str, Interval]],
+    checked: list[Share],
+) -> dict[str, Any]:
+    data: dict[str, Any] = {
+        "robot": config.robot.name,
+        "run": str(run),
+        "robots": config.env.num_envs,
+        "seconds": options.seconds,
+        **{
+            how: {name: _numbers(interval) for name, interval in values.items()}
+            for how, values in found.items()
+        },
+    }
+    if checked:
+        data["reality_check"] = [
+            {**dataclasses.asdict(share), "share": _numbers(share.share)} for share in checked
+        ]
+    return data
+
+
+def _numbers(interval: Interval) -> dict[str, float | None]:
+    """JSON has no nan; what is unknown is null."""
+    values = dataclasses.asdict(interval)
+    return {name: None if math.isnan(value) else value for name, value in values.items()}
+
+
+def _as_table(
+    config: Config, options: EvaluateConfig, found: dict[str, dict[str, Interval]]
+) -> str:
+    from locomotion.gaits import MEASURES
+
+    robots = f"{config.robot.name}: {config.env.num_envs} robots, {options.seconds:g} s"
+    lines = [
+        f"{robots}; mean and 95% confidence interval",
+        "",
+        f"{'':22}{'mean action':>26}{'sampled':>26}",
+    ]
+    for name in found["mean_action"]:
+        unit = MEASURES[name].unit
+        label = f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}"
+        cells = "".join(f"{_shown(values[name]):>26}" for values in found.values())
+        lines.append(f"{label:22}{cells}")
+    return "\n".join(lines)
+
+
+def _checked_table(checked: list[Share]) -> str:
+    width = max(len(share.override) for share in checked)
+    lines = ["", f"{'reality check':25}{'':{width}}  {'m/s':>7}  share of the speed without"]
+    for share in checked:
+        row = share.share
+        shown = f"{row.mean:5.0%} [{row.low:.0%}, {row.high:.0%}]"
+        lost = f"  {share.diverged:.0%} diverged" if share.diverged else ""
+        lines.append(f"{share.what:25}{share.override:{width}}  {share.speed:7.3f}  {shown}{lost}")
+    return "\n".join(lines)
+
+
+def _shown(interval: Interval) -> str:
+    if math.isnan(interval.mean):
+        return "-"
+    return f"{interval.mean:.3g} [{interval.low:.3g}, {interval.high:.3g}]"
+
+
+def main() -> None:
+    command("evaluate", EvaluateConfig, evaluate, "Measures how a policy walks.", _EXAMPLES)
+
+
+if __name__ == "__main__":
+    main()

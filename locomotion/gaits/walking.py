@@ -1,0 +1,245 @@
+"""Walking with a policy, and noting what measures need to know."""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.envs import ObservationTransform, TransformedEnv, set_exploration_type
+from torchrl.envs.utils import ExplorationType
+
+from locomotion.assembly import make_env
+from locomotion.config import Config
+from locomotion.gaits.policy import load_policy
+from locomotion.physics import Physics
+
+#: Time between two pushes (s).
+PUSH_INTERVAL = 10.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Disturbances:
+    """What a real robot has to cope with, and a simulated one has not.
+
+    Attributes:
+        delay: control steps by which hinges get their targets late; until the first one arrives they
+            hold the positions that they start with.
+        noise: standard deviation (rad) of what is added to the hinge positions that a policy senses.
+        push: by how much (m/s) the velocity of a robot changes all at once, every ten seconds and in a
+            random direction along the ground; 0 for no pushes.
+    """
+
+    delay: int = 0
+    noise: float = 0.0
+    push: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Walk:
+    """What robots did, with an entry for the start and one after each control step.
+
+    Attributes:
+        period: time between entries (s).
+        position: of the cores (m), float64 of shape ``(steps + 1, robots, 3)``.
+        orientation: of the cores, unit quaternions w x y z of shape ``(steps + 1, robots, 4)``.
+        work: by all hinges of a robot in each control step (J), the integral of torque times speed
+            without regard to sign, shape ``(steps, robots)``; ``None`` if it was not asked for.
+        turning: by how much the cores turned in each control step, the integral of their angular
+            velocity in the world (rad), shape ``(steps, robots, 3)``; ``None`` likewise.
+        diverged: whose simulation diverged at some time, bool of shape ``(robots,)``.
+    """
+
+    period: float
+    position: torch.Tensor
+    orientation: torch.Tensor
+    work: torch.Tensor | None
+    turning: torch.Tensor | None
+    diverged: torch.Tensor
+
+
+class Walker:
+    """Robots and the policy that moves them; made by :func:`make_walker`.
+
+    Attributes:
+        env: the environment, at the start of an episode after each :meth:`start`.
+        period: time between two actions (s).
+        action: the hinge targets (rad) that were last given to the robots, shape ``(robots, hinges)``.
+    """
+
+    def __init__(
+        self,
+        env: TransformedEnv,
+        policy: Callable[[TensorDictBase], TensorDictBase],
+        period: float,
+        disturbances: Disturbances,
+        seed: int,
+    ) -> None:
+        self.env = env
+        self.period = period
+        self._policy = policy
+        self._disturbances = disturbances
+        self._pushes = torch.Generator().manual_seed(seed)
+
+    def start(self) -> None:
+        """Begins an episode."""
+        self._seen = self.env.reset()
+        held = self.env.base_env.observe()["hinge_position"]
+        self._late = collections.deque([held] * self._disturbances.delay)
+        self._steps = 0
+        self.action = held
+
+    @torch.no_grad()
+    def step(self, sampled: bool) -> torch.Tensor:
+        """Takes a control step.
+
+        Args:
+            sampled: whether the action is drawn, as in training, or is the policy's mean.
+
+        Returns:
+            Whose simulation diverged, bool of shape ``(robots,)``.
+        """
+        how = ExplorationType.RANDOM if sampled else ExplorationType.DETERMINISTIC
+        with set_exploration_type(how):
+            decided = self._policy(self._seen)
+        self._late.append(decided["action"])
+        self.action = self._late.popleft()
+        self._push()
+        result = self.env.step(decided.set("action", self.action))
+        self._seen = self.env.step_mdp(result)
+        self._steps += 1
+        return result["next", "terminated"].squeeze(-1)
+
+    def _push(self) -> None:
+        every = max(1, round(PUSH_INTERVAL / self.period))
+        if not self._disturbances.push or self._steps % every != every // 2:
+            return
+        velocity = self.env.base_env.physics.qvel
+        direction = 2 * math.pi * torch.rand(len(velocity), generator=self._pushes)
+        velocity[:, 0] += self._disturbances.push * direction.cos()
+        velocity[:, 1] += self._disturbances.push * direction.sin()
+
+
+def make_walker(run: Path, config: Config, disturbances: Disturbances | None = None) -> Walker:
+    """Robots with the policy of a run's last checkpoint.
+
+    Args:
+        run: the run's folder.
+        config: the task that they walk in.
+        disturbances: none by default.
+
+    Raises:
+        RunError: if the run holds no checkpoint that can be read.
+    """
+    disturbances = disturbances or Disturbances()
+    torch.manual_seed(config.seed)
+    env = make_env(config)
+    policy = load_policy(run, config, env)
+    if disturbances.noise:
+        env.insert_transform(0, SensorNoise(disturbances.noise, ["hinge_position"]))
+    return Walker(env, policy, 1 / config.env.control_frequency, disturbances, config.seed)
+
+
+def walk(
+    walker: Walker,
+    seconds: float,
+    sampled: bool = False,
+    effort: bool = False,
+    progress: Callable[[], object] = lambda: None,
+) -> Walk:
+    """Walks for a while, from a new start.
+
+    Args:
+        walker: who walks.
+        seconds: for how long, rounded to control steps, at least one.
+        sampled: whether actions are drawn, as in training, or are the policy's mean.
+        effort: whether to note work and turning, for which each physics step is looked at.
+        progress: called after each control step.
+    """
+    steps = max(1, round(seconds / walker.period))
+    physics = walker.env.base_env.physics
+    walker.start()
+    meter = _Effort(walker) if effort else None
+    positions, orientations = [physics.qpos[:, :3].clone()], [physics.qpos[:, 3:7].clone()]
+    diverged = torch.zeros(len(physics.qpos), dtype=torch.bool)
+    for _ in range(steps):
+        diverged |= walker.step(sampled)
+        positions.append(physics.qpos[:, :3].clone())
+        orientations.append(physics.qpos[:, 3:7].clone())
+        if meter is not None:
+            meter.end_step()
+        progress()
+    return Walk(
+        walker.period,
+        torch.stack(positions),
+        torch.stack(orientations),
+        None if meter is None else torch.stack(meter.work),
+        None if meter is None else torch.stack(meter.turning),
+        diverged,
+    )
+
+
+class _Effort:
+    """Adds work and turning up over the physics steps of each control step."""
+
+    def __init__(self, walker: Walker) -> None:
+        env, model = walker.env.base_env, walker.env.base_env.model
+        self.work: list[torch.Tensor] = []
+        self.turning: list[torch.Tensor] = []
+        self._walker = walker
+        self._timestep = model.opt.timestep
+        self._gain = torch.from_numpy(model.actuator_gainprm[:, 0])
+        self._damping = torch.from_numpy(model.actuator_biasprm[:, 2])
+        self._limit = torch.from_numpy(model.actuator_forcerange[:, 1])
+        self._range = torch.from_numpy(model.actuator_ctrlrange[:, 1])
+        self._begin_step()
+        env.add_after_substep(self._add)
+
+    def _begin_step(self) -> None:
+        self._joules, self._turned = 0.0, 0.0
+
+    def _add(self, physics: Physics) -> None:
+        angle, speed = physics.qpos[:, 7:], physics.qvel[:, 6:]
+        target = self._walker.action.double().clamp(-self._range, self._range)
+        torque = self._gain * (target - angle) + self._damping * speed
+        torque = torque.clamp(-self._limit, self._limit)
+        self._joules = self._joules + self._timestep * (torque * speed).abs().sum(-1)
+        spin = rotate(physics.qpos[:, 3:7], physics.qvel[:, 3:6])  # which MuJoCo gives in the core
+        self._turned = self._turned + self._timestep * spin
+
+    def end_step(self) -> None:
+        self.work.append(self._joules)
+        self.turning.append(self._turned)
+        self._begin_step()
+
+
+class SensorNoise(ObservationTransform):
+    """Adds Gaussian noise to entries, in place.
+
+    Args:
+        deviation: its standard deviation, in the unit of the entries.
+        in_keys: the entries.
+    """
+
+    def __init__(self, deviation: float, in_keys: list[str]) -> None:
+        super().__init__(in_keys=in_keys, out_keys=in_keys)
+        self.deviation = deviation
+
+    def _apply_transform(self, obs: torch.Tensor) -> torch.Tensor:
+        return obs + self.deviation * torch.randn_like(obs)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+
+def rotate(quaternion: torch.Tensor, vector: torch.Tensor) -> torch.Tensor:
+    """Vectors ``(*batch, 3)`` turned by unit quaternions w x y z ``(*batch, 4)``."""
+    w, axis = quaternion[..., :1], quaternion[..., 1:]
+    twice = 2 * torch.linalg.cross(axis, vector)
+    return vector + w * twice + torch.linalg.cross(axis, twice)

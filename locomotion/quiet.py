@@ -1,0 +1,18 @@
+"""What libraries say at every start, and nobody needs to read."""
+
+from __future__ import annotations
+
+import warnings
+
+
+def quiet() -> None:
+    """Silences libraries, and gives torch one thread; call it before they are imported."""
+    # dm-control turns such warnings on for everyone; these are TorchRL's, about parts of its own.
+    warnings.filterwarnings("ignore", "Creating .*WeightUpdaterBase is deprecated")
+    import torch
+    from absl import logging as absl_logging
+    from torchrl import torchrl_logger
+
+    torchrl_logger.setLevel("WARNING")
+    absl_logging.set_verbosity("error")  # MuJoCo's warnings; what diverges is reported by itself
+    torch.set_num_threads(1)  # for networks this small a second one takes more than it gives

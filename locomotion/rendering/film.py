@@ -1,0 +1,183 @@
+"""A film of a robot that walks."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import mujoco
+import numpy as np
+from matplotlib import font_manager
+from PIL import Image, ImageDraw, ImageFont
+
+from locomotion.config import ConfigError
+from locomotion.rendering.graphics import ADVICE
+from locomotion.rendering.motion import Motion
+from locomotion.writing import replacing
+
+_PATH_COLOUR = np.array([0.93, 0.35, 0.12, 1.0], np.float32)
+#: Room in the scene for the path; it is thinned to so many pieces.
+_MOST_PIECES = 400
+#: The small moving picture: pictures a second, width in pixels, colours lost.
+_SMALL_FPS, _SMALL_WIDTH, _SMALL_QUALITY = 12.5, 480, 55
+
+
+def draw(motion: Motion, width: int, height: int) -> Iterator[np.ndarray]:
+    """Draws picture after picture, ``(height, width, 3)`` bytes: the robot, followed by a camera.
+
+    The core's path is drawn on the ground; control step, time and speed stand in the corner.
+
+    Raises:
+        ConfigError: if this machine cannot draw.
+    """
+    model = motion.model
+    model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+    model.vis.quality.shadowsize = 1024  # larger ones take most of the time without a GPU
+    # Shadows of a directional light end near where it stands, and the ground is speckled there.
+    model.light_type[0] = mujoco.mjtLightType.mjLIGHT_SPOT
+    camera = mujoco.MjvCamera()
+    camera.distance, camera.azimuth, camera.elevation = 1.25, 120.0, -22.0
+    font = ImageFont.truetype(font_manager.findfont("DejaVu Sans"), max(10, height // 26))
+    data = mujoco.MjData(model)
+    try:
+        renderer = mujoco.Renderer(model, height, width)
+    except Exception as error:  # each of MuJoCo's back ends raises its own
+        reason = " ".join(str(error).split())
+        raise ConfigError(f"{ADVICE} (MuJoCo says: {reason})") from error
+    with renderer:
+        for picture, qpos in enumerate(motion.qpos):
+            data.qpos[:] = qpos
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_camlight(model, data)
+            _light_from_above(data, motion.follow(picture))
+            camera.lookat[:2] = motion.follow(picture)
+            camera.lookat[2] = 0.05
+            renderer.update_scene(data, camera)
+            _add_path(renderer.scene, motion.place[: picture + 1])
+            yield _captioned(renderer.render(), motion, picture, font)
+
+
+def write_film(
+    motion: Motion,
+    path: Path,
+    width: int,
+    height: int,
+    progress: Callable[[], object] = lambda: None,
+) -> list[Path]:
+    """Writes a film: ``.mp4``, with a small ``.webp`` of the same name beside it, or one of ``.webp``
+    and ``.gif`` alone.
+
+    Args:
+        motion: what to show.
+        path: where to.
+        width: in pixels, even.
+        height: in pixels, even.
+        progress: called after each picture.
+
+    Returns:
+        The files.
+
+    Raises:
+        ConfigError: if this machine cannot draw.
+    """
+
+    def drawn() -> Iterator[np.ndarray]:
+        for picture in draw(motion, width, height):
+            yield picture
+            progress()
+
+    every = max(1, round(motion.fps / _SMALL_FPS))
+    small: list[Image.Image] = []
+
+    def keep(number: int, picture: np.ndarray) -> None:
+        if number % every == 0:
+            size = (_SMALL_WIDTH, round(_SMALL_WIDTH * height / width))
+            small.append(Image.fromarray(picture).resize(size, Image.Resampling.LANCZOS))
+
+    files = [path]
+    if path.suffix == ".mp4":
+        with replacing(path) as partial:
+            _encode(partial, motion.fps, width, height, drawn(), keep)
+        files.append(path.with_suffix(".webp"))
+    else:
+        for number, picture in enumerate(drawn()):
+            keep(number, picture)
+    with replacing(files[-1]) as partial:
+        small[0].save(
+            partial,
+            save_all=True,
+            append_images=small[1:],
+            duration=round(1000 * every / motion.fps),
+            loop=0,
+            quality=_SMALL_QUALITY,
+            method=4,
+        )
+    return files
+
+
+def _encode(
+    path: Path,
+    fps: float,
+    width: int,
+    height: int,
+    pictures: Iterator[np.ndarray],
+    keep: Callable[[int, np.ndarray], None],
+) -> None:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000))
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        stream.options = {"crf": "23", "movflags": "+faststart"}
+        for number, picture in enumerate(pictures):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+            keep(number, picture)
+        container.mux(stream.encode())
+
+
+def _light_from_above(data: mujoco.MjData, place: np.ndarray) -> None:
+    """Moves the light along with the robot."""
+    direction = data.light_xdir[0]
+    data.light_xpos[0] = np.array([*place, 0.0]) - direction * (3.0 / -direction[2])
+
+
+def _add_path(scene: mujoco.MjvScene, places: np.ndarray) -> None:
+    """Draws where the core has been, just above the ground."""
+    thinned = places[:: max(1, -(-len(places) // _MOST_PIECES))]
+    for one, other in itertools.pairwise(thinned):
+        if scene.ngeom == scene.maxgeom:
+            return
+        geom = scene.geoms[scene.ngeom]
+        mujoco.mjv_initGeom(
+            geom,
+            mujoco.mjtGeom.mjGEOM_CAPSULE,
+            np.zeros(3),
+            np.zeros(3),
+            np.zeros(9),
+            _PATH_COLOUR,
+        )
+        mujoco.mjv_connector(
+            geom,
+            mujoco.mjtGeom.mjGEOM_CAPSULE,
+            0.004,
+            np.array([*one, 0.002]),
+            np.array([*other, 0.002]),
+        )
+        scene.ngeom += 1
+
+
+def _captioned(
+    picture: np.ndarray, motion: Motion, number: int, font: ImageFont.FreeTypeFont
+) -> np.ndarray:
+    image = Image.fromarray(picture)
+    text = (
+        f"step {motion.control_step[number]}   {number / motion.fps:.1f} s"
+        f"   {motion.speed(number):.2f} m/s"
+    )
+    margin = font.size * 0.7
+    ImageDraw.Draw(image).text(
+        (margin, margin), text, font=font, fill="white", stroke_width=2, stroke_fill=(40, 40, 40)
+    )
+    return np.asarray(image)

@@ -1,0 +1,47 @@
+"""A gait in MuJoCo's viewer, as it happens."""
+
+from __future__ import annotations
+
+import time
+
+import mujoco
+import mujoco.viewer
+
+from locomotion.gaits import Walker
+from locomotion.physics import Physics
+
+
+def show_live(walker: Walker, seconds: float, sampled: bool = False) -> None:
+    """Has the first robot of a walker walk in a window, at the pace of the clock.
+
+    Ends when the time is over or the window is closed.
+
+    Args:
+        walker: who walks.
+        seconds: for how long.
+        sampled: whether actions are drawn, as in training, or are the policy's mean.
+    """
+    env = walker.env.base_env
+    data = mujoco.MjData(env.model)
+    timestep = env.model.opt.timestep
+    with mujoco.viewer.launch_passive(
+        env.model, data, show_left_ui=False, show_right_ui=False
+    ) as viewer:
+        viewer.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+        viewer.cam.trackbodyid = 1
+        viewer.cam.distance, viewer.cam.azimuth, viewer.cam.elevation = 1.7, 120.0, -25.0
+        due = time.perf_counter()
+
+        def show(physics: Physics) -> None:
+            nonlocal due
+            data.qpos[:] = physics.qpos[0].numpy()
+            data.time += timestep
+            mujoco.mj_forward(env.model, data)
+            viewer.sync()
+            due = max(due + timestep, time.perf_counter() - timestep)
+            time.sleep(max(0.0, due - time.perf_counter()))
+
+        walker.start()
+        env.add_after_substep(show)
+        while viewer.is_running() and data.time < seconds:
+            walker.step(sampled)

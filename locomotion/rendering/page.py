@@ -1,0 +1,102 @@
+"""A page that plays a gait in the browser: one file, which needs neither a server nor the internet."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import viser
+
+from locomotion.rendering.motion import Motion
+from locomotion.writing import replacing
+
+#: Lines on the ground are a module's width apart, roughly (m).
+_CELL = 0.1
+#: How far the ground reaches beyond the path (m).
+_MARGIN = 2.0
+
+
+def write_page(motion: Motion, path: Path, progress: Callable[[], object] = lambda: None) -> None:
+    """Writes the page. The mouse turns the view, moves it and zooms.
+
+    The ground moves under the robot, which stays in view.
+
+    Args:
+        motion: what to show.
+        path: where to.
+        progress: called after each picture.
+    """
+    with redirect_stdout(
+        io.StringIO()
+    ):  # viser says where it listens, but nobody needs to go there
+        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    try:
+        server.initial_camera.position = (0.6, -1.0, 0.55)
+        server.initial_camera.look_at = (0.0, 0.0, 0.05)
+        server.scene.set_up_direction("+z")
+        _add_ground(server, motion)
+        bodies = _add_bodies(server, motion.model)
+        data = mujoco.MjData(motion.model)
+        recording = server.get_scene_serializer()
+        ground = server.scene.add_frame("/ground", show_axes=False)
+        for picture, qpos in enumerate(motion.qpos):
+            data.qpos[:] = qpos
+            mujoco.mj_kinematics(motion.model, data)
+            middle = np.array([*motion.follow(picture), 0.0])
+            with server.atomic():
+                ground.position = -middle
+                for body, frame in bodies.items():
+                    frame.position = data.xpos[body] - middle
+                    frame.wxyz = data.xquat[body].copy()
+            recording.insert_sleep(1 / motion.fps)
+            progress()
+        with replacing(path) as partial:
+            partial.write_text(recording.as_html(), encoding="utf-8")
+    finally:
+        with redirect_stdout(io.StringIO()):
+            server.stop()
+
+
+def _add_bodies(server: viser.ViserServer, model: mujoco.MjModel) -> dict[int, viser.FrameHandle]:
+    """A frame for each body that moves, with its boxes below; returned by the body's number."""
+    frames = {}
+    for body in range(1, model.nbody):
+        place = f"/robot/{body}"
+        frames[body] = server.scene.add_frame(place, show_axes=False)
+        first = model.body_geomadr[body]
+        for geom in range(first, first + model.body_geomnum[body]):
+            server.scene.add_box(
+                f"{place}/{geom}",
+                dimensions=tuple(2 * model.geom_size[geom]),
+                color=tuple(model.geom_rgba[geom, :3]),
+                position=model.geom_pos[geom],
+                wxyz=model.geom_quat[geom],
+            )
+    return frames
+
+
+def _add_ground(server: viser.ViserServer, motion: Motion) -> None:
+    """A grid around the path, and the path itself, below a frame of their own."""
+    low, high = motion.place.min(0) - _MARGIN, motion.place.max(0) + _MARGIN
+    centre = (low + high) / 2
+    server.scene.add_frame("/ground", show_axes=False)
+    server.scene.add_grid(
+        "/ground/grid",
+        width=float(high[0] - low[0]),
+        height=float(high[1] - low[1]),
+        cell_size=_CELL,
+        section_size=10 * _CELL,
+        position=(*centre, 0.0),
+    )
+    path = np.column_stack([motion.place, np.full(len(motion.place), 0.002)]).astype(np.float32)
+    server.scene.add_line_segments(
+        "/ground/path",
+        points=np.stack([path[:-1], path[1:]], 1),
+        colors=(237, 89, 31),
+        thickness=3.0,
+        thickness_units="screen",
+    )

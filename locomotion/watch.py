@@ -1,0 +1,83 @@
+"""Shows how a policy walks: ``python -m locomotion.watch robot=gecko`` or ``run=FOLDER``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from locomotion.commands import command
+from locomotion.config import Config, ConfigError, WatchConfig
+from locomotion.quiet import quiet
+from locomotion.rendering.graphics import ADVICE, choose_graphics, has_graphics, has_screen
+
+_EXAMPLES = """\
+  python -m locomotion.watch                          the gecko that comes along: gecko.mp4, gecko.webp
+  python -m locomotion.watch robot=ant web=true       a page for the browser: ant.html
+  python -m locomotion.watch run=outputs/DATE/TIME seconds=30 output=gait.mp4
+  python -m locomotion.watch live=true physics.self_collision=true push=0.5"""
+
+
+def watch(run: Path, config: Config, options: WatchConfig) -> None:
+    """Shows one robot that walks with a run's policy, and prints the files it wrote.
+
+    Args:
+        run: folder of the run whose policy walks.
+        config: the task it walks in.
+        options: what to show, and where.
+
+    Raises:
+        ConfigError: if this machine cannot show it.
+        RunError: if the run holds no checkpoint that can be read.
+    """
+    if options.live and not has_screen():
+        raise ConfigError("live=true needs a screen; a film or web=true does not")
+    if options.web:
+        _require_viser()
+    elif not options.live and not has_graphics():
+        raise ConfigError(ADVICE)
+    quiet()
+    from tqdm import tqdm
+
+    from locomotion.gaits import Disturbances, make_walker
+    from locomotion.rendering.motion import record_motion
+
+    disturbances = Disturbances(options.delay, options.noise, options.push)
+    walker = make_walker(run, config, disturbances)
+    if options.live:
+        from locomotion.rendering.live import show_live
+
+        show_live(walker, options.seconds, options.sampled)
+        return
+    motion = record_motion(walker, options.seconds, options.fps, options.sampled)
+    ending = ".html" if options.web else ".mp4"
+    target = Path(options.output or f"{config.robot.name}{ending}")
+    # No bar without a terminal.
+    with tqdm(total=len(motion.qpos), desc=str(target), unit="picture", disable=None) as bar:
+        if options.web:
+            from locomotion.rendering.page import write_page
+
+            write_page(motion, target, bar.update)
+            files = [target]
+        else:
+            from locomotion.rendering.film import write_film
+
+            files = write_film(motion, target, options.width, options.height, bar.update)
+    last = len(motion.qpos) - 1
+    print(
+        f"{config.robot.name} walks at {motion.speed(last):.2f} m/s: {', '.join(map(str, files))}"
+    )
+
+
+def _require_viser() -> None:
+    import importlib.util
+
+    if importlib.util.find_spec("viser") is None:
+        raise ConfigError("web=true needs a package: pip install 'viser>=1.1'")
+
+
+def main() -> None:
+    choose_graphics()  # before a configuration is checked, for which bodies are built with MuJoCo
+    command("watch", WatchConfig, watch, "Shows how a policy walks.", _EXAMPLES, num_envs=1)
+
+
+if __name__ == "__main__":
+    main()

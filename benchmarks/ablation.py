@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -28,17 +29,21 @@ from locomotion.writing import replacing
 
 
 def collect(sources: Sequence[Path]) -> list[Curve]:
-    """The curves of the finished runs in the folders of sweeps, or those of one CSV file.
+    """The curves of the finished runs in the folders of sweeps, and those of CSV files.
 
     Runs that are not as long as the longest are left out, each with a line on standard error.
 
     Raises:
         RunError: if there is none, or they do not compare.
     """
-    if len(sources) == 1 and sources[0].suffix == ".csv":
-        curves = read_csv(sources[0])
-    else:
-        curves = read_sweep(sources)
+    files = [source for source in sources if source.suffix == ".csv"]
+    folders = [source for source in sources if source.suffix != ".csv"]
+    curves = [curve for file in files for curve in read_csv(file)]
+    curves += read_sweep(folders) if folders else []
+    count = Counter(map(str, curves))
+    twice = [name for name in count if count[name] > 1]
+    if twice:
+        raise RunError(f"{', '.join(map(str, sources))} hold {twice[0]} more than once")
     longest = max(len(curve.iteration) for curve in curves)
     for curve in curves:
         if len(curve.iteration) < longest:
@@ -86,7 +91,7 @@ def main() -> None:
         nargs="+",
         type=Path,
         metavar="SWEEP",
-        help="folders of sweeps, or one curves.csv that this command wrote",
+        help="folders of sweeps, and any curves.csv that this command wrote",
     )
     parser.add_argument("--output", type=Path, default=Path("benchmarks/results"), metavar="FOLDER")
     arguments = parser.parse_args()

@@ -14,13 +14,11 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from wandb.proto import wandb_internal_pb2
 
 from locomotion.composing import compose
-from locomotion.rendering.graphics import choose_graphics, has_graphics
+from locomotion.rendering.graphics import has_graphics
 from locomotion.runs import record
 from locomotion.train import train
 
 SMALL = ["env.num_envs=3", "ppo.steps=4", "ppo.minibatch_size=6", "ppo.iterations=2"]
-
-choose_graphics()
 needs_graphics = pytest.mark.skipif(
     not has_graphics(), reason="no OpenGL; apt install libegl1 libgl1-mesa-dri"
 )

@@ -12,12 +12,10 @@ import pytest
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from locomotion.rendering.graphics import choose_graphics, has_graphics
+from locomotion.rendering.graphics import has_graphics
 
 WATCH = [sys.executable, "-m", "locomotion.watch"]
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-
-choose_graphics()
 
 
 def watch(*arguments, **keywords):

@@ -14,7 +14,7 @@ from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont
 
 from locomotion.config import ConfigError
-from locomotion.rendering.graphics import ADVICE
+from locomotion.rendering.graphics import ADVICE, has_screen
 from locomotion.rendering.motion import Motion
 from locomotion.writing import replacing
 
@@ -33,6 +33,9 @@ def draw(motion: Motion, width: int, height: int) -> Iterator[np.ndarray]:
     Raises:
         ConfigError: if this machine cannot draw.
     """
+    if mujoco.GLContext.__module__ == "mujoco.glfw" and not has_screen():
+        # MuJoCo aborts the process where it cannot open a window for the second time.
+        raise ConfigError(f"{ADVICE}, and MUJOCO_GL=egl to be set before MuJoCo is imported")
     model = motion.model
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     model.vis.quality.shadowsize = 1024  # larger ones take most of the time without a GPU

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import mujoco
@@ -24,6 +25,7 @@ def show_live(walker: Walker, seconds: float, sampled: bool = False) -> None:
     env = walker.env.base_env
     data = mujoco.MjData(env.model)
     timestep = env.model.opt.timestep
+    threads = {*threading.enumerate()}
     with mujoco.viewer.launch_passive(
         env.model, data, show_left_ui=False, show_right_ui=False
     ) as viewer:
@@ -45,3 +47,6 @@ def show_live(walker: Walker, seconds: float, sampled: bool = False) -> None:
         env.add_after_substep(show)
         while viewer.is_running() and data.time < seconds:
             walker.step(sampled)
+    # The viewer is told to close and does so in a thread of its own; a process that ends meanwhile crashes.
+    for thread in {*threading.enumerate()} - threads:
+        thread.join(timeout=10)

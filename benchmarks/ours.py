@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import time
 import warnings
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import mujoco
@@ -21,6 +22,9 @@ from locomotion.composing import compose
 from locomotion.envs import WalkAway
 from locomotion.envs.task import TARGET_LIMIT
 from locomotion.train import make_collector
+
+if TYPE_CHECKING:
+    from locomotion.physics.warp import WarpPhysics
 
 #: What the project says in the MJCF to save time, as (path, attribute). MuJoCo's default holds where
 #: the attribute, or with ``None`` all that the element says, is missing.
@@ -63,6 +67,7 @@ class Training:
         self.substeps = round(1 / config.env.control_frequency / config.physics.timestep)
         actor = make_policy(config, self.env)
         critic = make_critic(self.env.observation_spec, policy_keys(config))
+        critic.to(config.physics.device)
         self._collector = make_collector(config, self.env, actor)
         self._batches = iter(self._collector)
         self._ppo = PPO(actor, critic, self.env.action_spec.shape[-1], frames, config.ppo)
@@ -166,6 +171,30 @@ class RawRollout:
 
     def close(self) -> None:
         self._rollout.close()
+
+
+class BareWarp:
+    """MuJoCo Warp and nothing else: a captured graph a control step, with the model and the room of ours.
+
+    Args:
+        physics: whose Warp model, data and graphs are used; its own state stays as it is.
+        substeps: physics steps in a control step.
+    """
+
+    def __init__(self, physics: WarpPhysics, substeps: int) -> None:
+        self._physics = physics
+        self._substeps = substeps
+
+    def load(self, qpos: torch.Tensor, qvel: torch.Tensor) -> None:
+        """Puts all copies into states, shapes ``(num_envs, nq)`` and ``(num_envs, nv)``."""
+        self._physics._qpos32.copy_(qpos)
+        self._physics._qvel32.copy_(qvel)
+
+    def replay(self, actions: torch.Tensor) -> None:
+        """Steps all copies under actions, shape ``(num_envs, steps, nu)``."""
+        for control in actions.unbind(1):
+            self._physics._control.copy_(control)
+            self._physics._launch(self._substeps)
 
 
 def state_of(env: TransformedEnv) -> np.ndarray:

@@ -16,15 +16,14 @@ from omegaconf import OmegaConf
 from locomotion.assembly import make_env
 from locomotion.checkpoints import Checkpoints
 from locomotion.commands import POLICIES
-from locomotion.composing import recorded
 from locomotion.config import Config, ConfigError, typed
 from locomotion.gaits import load_policy
-from locomotion.runs import RunError, record
+from locomotion.runs import RunError, read_config, record
 
 
 def pack(run: Path) -> Path:
     """Packs the policy of a run's last checkpoint; returns the folder it is in."""
-    config = typed(Config, recorded(run))
+    config = typed(Config, read_config(run))
     policy = load_policy(run, config, make_env(config))
     folder = POLICIES / config.robot.name
     shutil.rmtree(folder, ignore_errors=True)

@@ -16,6 +16,8 @@ PACKAGES = (
     "torchrl",
     "tensordict",
     "mujoco",
+    "mujoco-warp",
+    "warp-lang",
     "dm-control",
     "gymnasium",
     "stable-baselines3",

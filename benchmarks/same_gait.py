@@ -17,10 +17,9 @@ import torch
 from benchmarks.ours import plain_model
 from locomotion.assembly import make_env, make_policy
 from locomotion.checkpoints import Checkpoints
-from locomotion.composing import recorded
 from locomotion.config import Config, ConfigError, typed
 from locomotion.physics import ThreadedPhysics
-from locomotion.runs import RunError
+from locomotion.runs import RunError, read_config
 
 NUM_ENVS, STEPS, WARM_UP = 256, 400, 50
 
@@ -55,7 +54,7 @@ def main() -> None:
     parser.add_argument("run", type=Path, metavar="RUN", help="folder of a finished run")
     run = parser.parse_args().run
     try:
-        config = typed(Config, recorded(run))
+        config = typed(Config, read_config(run))
         shipped, deviation = walk(run, config, None)
     except (ConfigError, RunError) as error:
         print(f"error: {error}", file=sys.stderr)

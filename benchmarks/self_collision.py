@@ -11,14 +11,14 @@ import argparse
 import sys
 from pathlib import Path
 
+from omegaconf import OmegaConf
 from tqdm import tqdm
 
-from locomotion.composing import recorded
 from locomotion.config import Config, ConfigError, typed
 from locomotion.gaits import Interval, make_walker, measure, summarise, walk
 from locomotion.plots.curves import find_runs
 from locomotion.quiet import quiet
-from locomotion.runs import RunError
+from locomotion.runs import RunError, read_config
 
 NUM_ENVS, SECONDS = 64, 60.0
 HEAD = [
@@ -29,7 +29,7 @@ HEAD = [
 
 def rows(run: Path) -> list[list[str]]:
     """How a run's policy walks in both worlds, a row each."""
-    saved = recorded(run)
+    saved = OmegaConf.create(read_config(run))
     saved.env.num_envs = NUM_ENVS
     saved.ppo.update(steps=1, minibatch_size=1)  # nothing learns here
     config = typed(Config, saved)

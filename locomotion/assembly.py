@@ -32,8 +32,9 @@ def make_env(config: Config) -> TransformedEnv:
 
 
 def make_policy(config: Config, env: TransformedEnv) -> ProbabilisticActor:
-    """The untrained policy of a run."""
-    return make_actor(env.observation_spec, env.action_spec, policy_keys(config))
+    """The untrained policy of a run, where its robots are."""
+    actor = make_actor(env.observation_spec, env.action_spec, policy_keys(config))
+    return actor.to(config.physics.device)
 
 
 def policy_keys(config: Config) -> list[str]:

@@ -73,7 +73,8 @@ class Checkpoints:
                 print(f"warning: {path} {damage}; looking at the one before it", file=sys.stderr)
                 continue
             try:
-                self._checkpoint.load(path)
+                # What a GPU wrote can be read without one.
+                self._checkpoint.load(path, map_location="cpu")
             except (CheckpointError, KeyError, TypeError, ValueError) as error:
                 raise RunError(f"{path} does not fit this run: {_first_line(error)}") from error
             return int(path.stem)

@@ -7,6 +7,7 @@ the last job of a sweep is found before the first one runs.
 from __future__ import annotations
 
 import argparse
+import re
 import signal
 import sys
 import tempfile
@@ -32,6 +33,9 @@ from locomotion.runs import (
 )
 
 Job = Callable[[Config, Path], None]
+
+#: What torch says on a CPU and on a GPU, and Warp, when there is no memory left.
+_NO_MEMORY = "can't allocate memory|out of memory|Failed to allocate"
 
 
 def launch(job: Job) -> None:
@@ -120,6 +124,7 @@ def _resume(job: Job, folder: Path, overrides: list[str]) -> None:
         raise ConfigError(
             f"ppo.iterations={config.ppo.iterations} must be at least the {before} of the run"
         )
+    config.physics.require()
     _require_writable(folder)
     _run(job, config, folder, {"config": OmegaConf.structured(config)}, resumed=True)
 
@@ -143,6 +148,7 @@ def _check(arguments: argparse.Namespace) -> None:
             )
         taken.add(folder)
         if not informs:
+            config.physics.require()
             _require_writable(folder)
             is_finished(folder, config)
 
@@ -181,7 +187,7 @@ def _run(
     except OSError as error:
         refuse(f"{error.filename or folder}: {error.strerror or error}", status=1)
     except (MemoryError, RuntimeError) as error:
-        if isinstance(error, RuntimeError) and "can't allocate memory" not in str(error):
+        if isinstance(error, RuntimeError) and not re.search(_NO_MEMORY, str(error)):
             raise
         refuse(
             f"not enough memory for env.num_envs={config.env.num_envs} robots that take"

@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
+from omegaconf import OmegaConf
 
 from locomotion.cli import refuse
-from locomotion.composing import amend, parse, recorded, register
+from locomotion.composing import amend, parse, register
 from locomotion.config import (
     GROUPS,
     Config,
@@ -28,7 +29,7 @@ from locomotion.config import (
     load_file,
     typed,
 )
-from locomotion.runs import RunError
+from locomotion.runs import RunError, read_config
 
 T = TypeVar("T")
 
@@ -117,12 +118,13 @@ def _asked(
         else:
             raise ConfigError(_misplaced(key, options))
     folder = _folder(**chosen)
-    saved = recorded(folder)
+    saved = OmegaConf.create(read_config(folder))
     saved.env.update(fixed)
     # Nothing learns here, so no batch has a say in how many robots there are.
     saved.ppo.update(steps=1, minibatch_size=1)
     amend(saved, task)
     config = typed(Config, saved)
+    config.physics.require()
     for key, value in fixed.items():
         if getattr(config.env, key) != value:
             raise ConfigError(f"env.{key} is {'null' if value is None else value} in this command")

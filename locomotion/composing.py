@@ -39,7 +39,6 @@ from locomotion.config import (
     load,
     typed,
 )
-from locomotion.runs import read_config
 from locomotion.usage import help_template
 
 #: What of Hydra's own part may be set. The rest names what Hydra calls, what logging opens and what a
@@ -120,20 +119,6 @@ def split_sweep(
         lists = [f"{key}={values}" for key, values in (sweep.sweeper.params or {}).items()]
         parsed = OverridesParser.create().parse_overrides([*lists, *overrides])
         return BasicSweeper.split_arguments(parsed, max_batch_size=None)[0]
-
-
-def recorded(folder: Path) -> DictConfig:
-    """The configuration that a run was started with, to be amended and checked.
-
-    Keys that came later have their defaults, which do what was done before there were any.
-
-    Raises:
-        RunError: if the folder is no run's.
-    """
-    saved = read_config(folder)
-    defaults = OmegaConf.to_container(OmegaConf.structured(compose()), enum_to_str=True)
-    del defaults["robot"]  # bodies are trees, and two of them are not to be merged
-    return OmegaConf.merge(defaults, saved)
 
 
 def parse(overrides: Sequence[str], where: str) -> list[Override]:

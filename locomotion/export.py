@@ -58,7 +58,7 @@ def export(run: Path, config: Config, options: ExportConfig) -> None:
     from locomotion.gaits import Controller, load_policy
 
     env = make_env(config)
-    controller = Controller(env, load_policy(run, config, env)).eval()
+    controller = Controller(env, load_policy(run, config, env)).cpu().eval()
     metadata = {
         "robot": config.robot.name,
         "control_frequency": f"{config.env.control_frequency:g}",

@@ -6,13 +6,14 @@ Nothing here imports anything heavy, so that a whole sweep is checked before tor
 from __future__ import annotations
 
 import dataclasses
+import enum
 import typing
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
-from omegaconf import OmegaConf
+from omegaconf import MISSING, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from locomotion.config import Config, flat
@@ -69,10 +70,12 @@ def read_config(folder: Path) -> dict[str, Any]:
 def read_record(folder: Path) -> dict[str, Any]:
     """The configuration that a run was started with, by keys such as ``ppo.gamma``.
 
+    Keys that are younger than the run have the value that it had without them.
+
     Raises:
         RunError: if there is none, or it cannot be read.
     """
-    return dict(flat(read_config(folder)))
+    return {**_before(), **dict(flat(read_config(folder)))}
 
 
 def is_finished(folder: Path, config: Config) -> bool:
@@ -125,13 +128,21 @@ def differences(folder: Path, config: Config) -> dict[str, tuple[str, str]]:
 
 def free_keys() -> frozenset[str]:
     """The keys of a configuration that do not change the numbers of a run, such as ``physics.threads``."""
-    return frozenset(_free(Config))
+    return frozenset(key for key, field in _keys(Config) if field.metadata.get("free"))
 
 
-def _free(schema: type, prefix: str = "") -> Iterator[str]:
+def _before() -> dict[str, Any]:
+    """By key, what is meant by records that do not have it, in the words of a record."""
+    values = {key: field.default for key, field in _keys(Config) if field.default != MISSING}
+    return {
+        key: value.name if isinstance(value, enum.Enum) else value for key, value in values.items()
+    }
+
+
+def _keys(schema: type, prefix: str = "") -> Iterator[tuple[str, dataclasses.Field]]:
     types = typing.get_type_hints(schema)
     for field in dataclasses.fields(schema):
         if dataclasses.is_dataclass(types[field.name]):
-            yield from _free(types[field.name], f"{prefix}{field.name}.")
-        elif field.metadata.get("free"):
-            yield f"{prefix}{field.name}"
+            yield from _keys(types[field.name], f"{prefix}{field.name}.")
+        else:
+            yield f"{prefix}{field.name}", field

@@ -60,7 +60,7 @@ def train(config: Config, folder: Path) -> None:
     torch.manual_seed(config.seed)
     env = make_env(config)
     actor = make_policy(config, env)
-    critic = make_critic(env.observation_spec, policy_keys(config))
+    critic = make_critic(env.observation_spec, policy_keys(config)).to(config.physics.device)
     frames = config.env.num_envs * config.ppo.steps
     collector = make_collector(config, env, actor)
     ppo = PPO(actor, critic, env.action_spec.shape[-1], frames, config.ppo)

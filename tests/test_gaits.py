@@ -7,10 +7,11 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from omegaconf import OmegaConf
 
 from locomotion.assembly import make_env
 from locomotion.commands import POLICIES, shipped
-from locomotion.composing import compose, recorded
+from locomotion.composing import compose
 from locomotion.config import Config, typed
 from locomotion.gaits import (
     CHANGES,
@@ -23,6 +24,7 @@ from locomotion.gaits import (
     summarise,
     walk,
 )
+from locomotion.runs import read_config
 
 LEVEL = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
 
@@ -190,7 +192,7 @@ def test_a_push_changes_the_velocity_once_in_ten_seconds(config):
 
 def task_of(robot, num_envs, **physics):
     """The task that a policy which comes along was trained on, for so many robots."""
-    saved = recorded(POLICIES / robot)
+    saved = OmegaConf.create(read_config(POLICIES / robot))
     saved.env.num_envs = num_envs
     saved.ppo.update(steps=1, minibatch_size=1)
     saved.physics.update(threads=1, **physics)

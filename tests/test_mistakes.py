@@ -8,6 +8,7 @@ from omegaconf import OmegaConf
 
 from locomotion import cli
 from locomotion.composing import compose
+from locomotion.config import schema
 from locomotion.runs import record
 
 GECKO = "robot gecko: core"
@@ -79,6 +80,13 @@ def refusal(arguments, monkeypatch, capsys):
         (["physics.timestep=0.5"], "physics.timestep=0.5 must divide the control period of 0.25"),
         (["physics.timestep=1e-9"], "physics.timestep=1e-09 must be at least a millionth of"),
         (["physics.threads=0"], "physics.threads=0 must be at least 1"),
+        (["physics.device=cuda:0"], "physics.device=cuda:0 must be cpu with physics=threaded"),
+        (["physics.contacts=9"], "physics.contacts=9 must be null with physics=threaded"),
+        (["physics=warp", "physics.device=gpu"], "physics.device=gpu must be cpu, cuda:0"),
+        (["physics=warp", "physics.threads=2"], "physics.threads=2 must be null with physics=warp"),
+        (["physics=warp", "physics.contacts=0"], "physics.contacts=0 must be at least 1"),
+        (["physics=warp", "physics.device=cuda:999"], "physics.device=cuda:999 is not there"),
+        (["--multirun", "physics=threaded,warp", "physics.device=cuda:999"], "physics.device=cuda"),
         (["physics.stiffness=-2"], "physics.stiffness=-2.0 must be above 0"),
         (["obs.hinge_steps=0"], "obs.hinge_steps=0 must be at least 1"),
         (["seed=-1"], "seed=-1 must be at least 0"),
@@ -128,6 +136,12 @@ def test_a_wrong_call_ends_in_one_line(arguments, message, monkeypatch, capsys, 
     monkeypatch.chdir(tmp_path)
     assert message in refusal(arguments, monkeypatch, capsys)
     assert not list(tmp_path.iterdir())
+
+
+def test_packages_that_are_missing_are_named(monkeypatch, capsys):
+    monkeypatch.setattr(schema.importlib.util, "find_spec", lambda name: None)
+    line = refusal(["physics=warp", "physics.device=cpu"], monkeypatch, capsys)
+    assert line == "error: physics=warp needs packages: pip install 'locomotion[warp]'\n"
 
 
 @pytest.fixture

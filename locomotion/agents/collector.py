@@ -46,6 +46,7 @@ class RolloutCollector(Collector):
             trust_policy=True,
             use_buffers=False,
             return_same_td=True,  # each batch has memory of its own; no copy is needed
+            no_cuda_sync=True,  # all is done on one stream, that of whoever asks for a batch
             track_traj_ids=False,
             auto_register_policy_transforms=False,
         )
@@ -63,18 +64,19 @@ class RolloutCollector(Collector):
         """Collects a batch."""
         robots = self.env.base_env
         shape = (self._steps, *robots.action_spec.shape)
-        noise = torch.randn(shape)
         log_scale = self._parameters.log_scale
+        device = log_scale.device
+        noise = torch.randn(shape, device=device)
         deviation = noise * log_scale.exp()
-        action, reward = torch.empty(shape), torch.empty(shape[:2])
-        places = torch.empty(*shape[:2], 2, dtype=torch.float64)
+        action, reward = torch.empty_like(noise), noise.new_empty(shape[:2])
+        places = noise.new_empty(*shape[:2], 2, dtype=torch.float64)
         # All that the policy sees lies side by side; a row more than steps holds what comes last.
-        seen = torch.empty(self._steps + 1, robots.num_envs, sum(self._sizes))
+        seen = noise.new_empty(self._steps + 1, robots.num_envs, sum(self._sizes))
         entries = dict(zip(self._keys, seen.split(self._sizes, -1)))
         for key, entry in entries.items():
             entry[0] = self._carrier[key]
         rows = [dict(zip(entries, row)) for row in zip(*(e.unbind() for e in entries.values()))]
-        terminated, truncated = torch.zeros(2, *shape[:2], 1, dtype=torch.bool)
+        terminated, truncated = torch.zeros(2, *shape[:2], 1, dtype=torch.bool, device=device)
         last_seen: list[tuple[int, torch.Tensor, torch.Tensor]] = []
 
         # Memory from outside stays ordinary; what is made inside costs less.
@@ -94,7 +96,8 @@ class RolloutCollector(Collector):
                     terminated[step, :, 0], truncated[step, :, 0] = ends
                     ended = ends[0] | ends[1]
                     last_seen.append((step, ended, seen[step + 1, ended]))
-                    fresh = self.env.reset(TensorDict({"_reset": ended}, [robots.num_envs]))
+                    where = TensorDict({"_reset": ended}, [robots.num_envs], device=robots.device)
+                    fresh = self.env.reset(where)
                     for key in self._keys:
                         rows[step + 1][key][ended] = fresh[key][ended]
         if rewarded < self._steps:
@@ -123,6 +126,7 @@ class RolloutCollector(Collector):
             },
             batch_size=shape[:2],
             names=["time", None],
+            device=robots.device,
         )
         return batch.transpose(0, 1)
 

@@ -16,6 +16,9 @@ from torchrl.objectives.value import GAE
 
 from locomotion.config import PPOConfig
 
+#: What is minimised is the sum of these.
+LOSSES = ("loss_objective", "loss_entropy", "loss_critic")
+
 
 class PPO:
     """Turns a batch of experience into a better actor and critic (Schulman et al. 2017, eq. 9).
@@ -71,8 +74,9 @@ class PPO:
             *actor.in_keys,
             *("action", "action_log_prob", "advantage", "value_target"),
         ]
+        device = next(critic.parameters()).device
         self.buffer = ReplayBuffer(
-            storage=LazyTensorStorage(frames),
+            storage=LazyTensorStorage(frames, device=device),
             sampler=SamplerWithoutReplacement(),
             batch_size=config.minibatch_size,
         )
@@ -97,15 +101,17 @@ class PPO:
             self.advantage(batch)
         self.buffer.extend(batch.select(*self._learned_from).reshape(-1))
         losses = [self._step(minibatch) for _ in range(self.epochs) for minibatch in self.buffer]
+        losses = torch.stack(losses)
+        # Looked at when all is done: on a GPU each look would wait for it.
+        _require_finite("the loss", *(losses[name] for name in LOSSES))
         self.schedule.step()
         for group in self.optimizer.param_groups:
             _require_finite("a weight", *(parameter.sum() for parameter in group["params"]))
-        return torch.stack(losses).mean(0)
+        return losses.mean(0)
 
     def _step(self, minibatch: TensorDictBase) -> TensorDict:
         losses = self.loss(minibatch)
-        total = losses["loss_objective"] + losses["loss_entropy"] + losses["loss_critic"]
-        _require_finite("the loss", total)
+        total = sum(losses[name] for name in LOSSES)
         self.optimizer.zero_grad()
         total.backward()
         self.optimizer.step()

@@ -10,6 +10,7 @@ import dataclasses
 import enum
 import importlib.util
 import math
+import re
 from typing import Any
 
 from omegaconf import MISSING
@@ -29,13 +30,15 @@ def key(
     least: float | None = None,
     most: float | None = None,
     free: bool = False,
+    before: Any = MISSING,
 ) -> Any:
     """A required key: what it means, and the range of its value (``None`` is not checked).
 
-    ``free`` says that a run has the same numbers whatever the value.
+    ``free`` says that a run has the same numbers whatever the value; ``before``, for a key that is
+    younger than some runs, what their records mean by not having it.
     """
     limits = {"above": above, "least": least, "most": most}
-    return dataclasses.field(default=MISSING, metadata={"meaning": meaning, "free": free, **limits})
+    return dataclasses.field(default=before, metadata={"meaning": meaning, "free": free, **limits})
 
 
 class Checked:
@@ -85,6 +88,13 @@ class LoggerBackend(enum.Enum):
     csv = "csv"
     tensorboard = "tensorboard"
     wandb = "wandb"
+
+
+class PhysicsBackend(enum.Enum):
+    """What steps the robots."""
+
+    threaded = "threaded"
+    warp = "warp"
 
 
 @dataclasses.dataclass
@@ -157,6 +167,18 @@ class PhysicsConfig(Checked):
 
     PREFIX = "physics."
 
+    backend: PhysicsBackend = key(
+        "threaded: MuJoCo on the CPU; warp: MuJoCo Warp, on a GPU",
+        before=PhysicsBackend.threaded,
+    )
+    device: str = key("where robots and learner are: cpu, or cuda:0 with warp", before="cpu")
+    contacts: int | None = key(
+        "with warp, contacts at once that each robot has room for; null: what its model suggests",
+        least=1,
+        most=10_000,
+        free=True,
+        before=None,
+    )
     timestep: float = key("length of a physics step (s)", above=0, most=1)
     threads: int | None = key(
         "threads that step robots; null: one for each core", least=1, most=4096, free=True
@@ -165,9 +187,49 @@ class PhysicsConfig(Checked):
     damping: float = key("of the hinges' servos (N·m·s/rad)", least=0, most=1000)
     armature: float = key("rotor inertia at a hinge (kg·m²)", least=0, most=10)
     friction: float = key("sliding friction of ground and modules", least=0, most=100)
-    self_collision: bool = key("whether modules collide with one another, not only with the ground")
-    mass_scale: float = key("factor on the masses of all modules", above=0, most=1000)
-    strength_scale: float = key("factor on the torque of all servos", above=0, most=1000)
+    self_collision: bool = key(
+        "whether modules collide with one another, not only with the ground", before=False
+    )
+    mass_scale: float = key("factor on the masses of all modules", above=0, most=1000, before=1.0)
+    strength_scale: float = key(
+        "factor on the torque of all servos", above=0, most=1000, before=1.0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not re.fullmatch(r"cpu|cuda:\d{1,3}", self.device):
+            self._refuse("device", self.device, "cpu, cuda:0, cuda:1, ...")
+        if self.backend is PhysicsBackend.warp:
+            if self.threads is not None:
+                self._refuse("threads", self.threads, "null with physics=warp, which has none")
+        elif self.device != "cpu":
+            self._refuse(
+                "device", self.device, "cpu with physics=threaded; physics=warp uses a GPU"
+            )
+        elif self.contacts is not None:
+            self._refuse(
+                "contacts", self.contacts, "null with physics=threaded, which needs no room"
+            )
+
+    def require(self) -> None:
+        """Looks whether this machine can step robots so; a record of a run may be from another.
+
+        Raises:
+            ConfigError: if packages or the device are not there.
+        """
+        if self.backend is not PhysicsBackend.warp:
+            return
+        if not all(map(importlib.util.find_spec, ("warp", "mujoco_warp"))):
+            raise ConfigError("physics=warp needs packages: pip install 'locomotion[warp]'")
+        if self.device != "cpu":
+            import torch  # takes seconds, but a run on a GPU has to load it anyway
+
+            there = torch.cuda.device_count()
+            if int(self.device.partition(":")[2]) >= there:
+                raise ConfigError(
+                    f"physics.device={self.device} is not there: torch {torch.__version__} sees"
+                    f" {there or 'no'} GPU{'s' * (there > 1)} here; physics.device=cpu needs none"
+                )
 
 
 @dataclasses.dataclass
@@ -204,6 +266,7 @@ class LoggerConfig(Checked):
         least=0,
         most=3600,
         free=True,
+        before=0.0,
     )
 
     def __post_init__(self) -> None:

@@ -25,7 +25,7 @@ from locomotion.config import (
     typed,
 )
 from locomotion.envs.task import TARGET_LIMIT, WalkAway
-from locomotion.physics import Physics, ThreadedPhysics
+from locomotion.physics import Physics, make_physics
 from locomotion.robots import ModularRobot
 
 #: How many divergences are kept for :meth:`LocomotionEnv.take_divergences`.
@@ -82,7 +82,7 @@ class LocomotionEnv(EnvBase):
             mapping with ``name`` and ``body``.
         num_envs: number of robots, the environment's batch size.
         physics: how they are stepped: a :class:`PhysicsConfig`, or keys to change in
-            ``conf/physics/threaded.yaml``.
+            ``conf/physics/threaded.yaml``, or in ``warp.yaml`` with ``backend="warp"`` among them.
         control_frequency: actions a second (Hz).
         settle_time: how long robots settle before an episode (s).
         time_limit: length of an episode (s), truncated then; ``None`` for a continuing task.
@@ -90,7 +90,8 @@ class LocomotionEnv(EnvBase):
         seed: of the random targets at the start; ``None`` draws one from torch's generator.
 
     Raises:
-        ConfigError: for an unknown robot, a body that cannot exist, or a value out of range.
+        ConfigError: for an unknown robot, a body that cannot exist, a value out of range, or physics
+            that this machine cannot do.
     """
 
     batch_locked = True
@@ -108,10 +109,13 @@ class LocomotionEnv(EnvBase):
         seed: int | None = None,
     ) -> None:
         task = EnvConfig(num_envs, control_frequency, settle_time, time_limit)
-        super().__init__(batch_size=[num_envs])
-        robot = _robot_config(robot)
         if not isinstance(physics, PhysicsConfig):
-            physics = load("physics/threaded", physics)
+            physics = _physics_config(physics or {})
+        # On the CPU TorchRL need not be told: it would look at every tensor for nothing.
+        super().__init__(
+            device=None if physics.device == "cpu" else physics.device, batch_size=[num_envs]
+        )
+        robot = _robot_config(robot)
         self._substeps = substeps(control_frequency, physics.timestep)
         self._settle_steps = round(settle_time / physics.timestep)
         self._step_limit = task.step_limit
@@ -132,10 +136,11 @@ class LocomotionEnv(EnvBase):
             friction=physics.friction,
             self_collision=physics.self_collision,
         )
-        self._physics = ThreadedPhysics(_compile(self._task), num_envs, physics.threads)
-        self._start = torch.zeros(num_envs, 2, dtype=torch.float64)
-        self._distance = torch.zeros(num_envs, dtype=torch.float64)
-        self._steps = torch.zeros(num_envs, dtype=torch.int64)
+        self._physics = make_physics(_compile(self._task), num_envs, physics)
+        at = self._physics.device
+        self._start = torch.zeros(num_envs, 2, dtype=torch.float64, device=at)
+        self._distance = torch.zeros(num_envs, dtype=torch.float64, device=at)
+        self._steps = torch.zeros(num_envs, dtype=torch.int64, device=at)
         self._divergences = collections.deque[Divergence](maxlen=MOST_DIVERGENCES)
         self._after_substep: list[Callable[[Physics], None]] = []
         self._observations = _chosen(observations)
@@ -144,20 +149,30 @@ class LocomotionEnv(EnvBase):
 
     def _make_specs(self, num_envs: int, num_hinges: int) -> None:
         batch = (num_envs,)
+        device = self.device
         self.action_spec = Bounded(
-            -TARGET_LIMIT, TARGET_LIMIT, shape=(num_envs, num_hinges), dtype=torch.float32
+            -TARGET_LIMIT,
+            TARGET_LIMIT,
+            shape=(num_envs, num_hinges),
+            dtype=torch.float32,
+            device=device,
         )
         self.observation_spec = Composite(
             {
-                key: Unbounded(value.shape, dtype=value.dtype)
+                key: Unbounded(value.shape, dtype=value.dtype, device=device)
                 for key, value in self.observe().items()
             },
             shape=batch,
+            device=device,
         )
-        self.reward_spec = Unbounded((num_envs, 1))
-        flag = Binary(1, shape=(num_envs, 1), dtype=torch.bool)
+        self.reward_spec = Unbounded((num_envs, 1), device=device)
+        flag = Binary(1, shape=(num_envs, 1), dtype=torch.bool, device=device)
         self.done_spec = Composite(
-            done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=batch
+            done=flag,
+            terminated=flag.clone(),
+            truncated=flag.clone(),
+            shape=batch,
+            device=device,
         )
 
     @property
@@ -181,6 +196,7 @@ class LocomotionEnv(EnvBase):
         return tuple(self._task.robot.hinges)
 
     def _set_seed(self, seed: int | None) -> None:
+        # On the CPU wherever the robots are, so that they start in the same way.
         self._generator = torch.Generator().manual_seed(_random_seed() if seed is None else seed)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDict:
@@ -191,11 +207,14 @@ class LocomotionEnv(EnvBase):
         # Targets are drawn for all robots, so that a partial reset uses up as much randomness.
         targets = torch.empty(self.action_spec.shape, dtype=torch.float64)
         targets.uniform_(-TARGET_LIMIT, TARGET_LIMIT, generator=self._generator)
+        targets = targets.to(self._physics.device)
         self._physics.reset(where)
         self._note(self._physics.step(targets, self._settle_steps, where), targets)
         self._start_here(rows)
         flags = dict(zip(("done", "terminated", "truncated"), self._flags()))
-        return TensorDict({**self.observe(), **flags}, batch_size=self.batch_size)
+        return TensorDict(
+            {**self.observe(), **flags}, batch_size=self.batch_size, device=self.device
+        )
 
     def _start_here(self, rows: torch.Tensor | slice) -> None:
         self._start[rows] = self._physics.qpos[rows, :2]
@@ -203,7 +222,7 @@ class LocomotionEnv(EnvBase):
         self._steps[rows] = 0
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
-        place = torch.empty(1, self.num_envs, 2, dtype=torch.float64)
+        place = self._start.new_empty(1, self.num_envs, 2)
         done, terminated, truncated = self._flags()
         ends = self.advance(tensordict.get("action"), place[0])
         reward = self.gains(place).T
@@ -220,6 +239,7 @@ class LocomotionEnv(EnvBase):
                 "truncated": truncated,
             },
             batch_size=self.batch_size,
+            device=self.device,
         )
 
     def advance(
@@ -271,10 +291,9 @@ class LocomotionEnv(EnvBase):
         """Keeps what led robots to diverge."""
         if diverged is not None:
             for robot in diverged.nonzero().squeeze(-1).tolist():
-                qpos, qvel = self._physics.qpos[robot], self._physics.qvel[robot]
-                self._divergences.append(
-                    Divergence(robot, qpos.clone(), qvel.clone(), control[robot].clone())
-                )
+                state = (self._physics.qpos, self._physics.qvel, control)
+                copies = (entry[robot].to("cpu", copy=True) for entry in state)
+                self._divergences.append(Divergence(robot, *copies))
         return diverged
 
     def take_divergences(self) -> list[Divergence]:
@@ -294,8 +313,8 @@ class LocomotionEnv(EnvBase):
             where: which robots, bool of shape ``(num_envs,)``; ``None`` means all.
         """
         rows = slice(None) if where is None else where
-        self._physics.qpos[rows] = qpos
-        self._physics.qvel[rows] = qvel
+        self._physics.qpos[rows] = qpos.to(self._physics.qpos)
+        self._physics.qvel[rows] = qvel.to(self._physics.qvel)
         self._start_here(rows)
 
     def get_extra_state(self) -> dict[str, torch.Tensor]:
@@ -333,7 +352,7 @@ class LocomotionEnv(EnvBase):
 
     def _flags(self) -> tuple[torch.Tensor, ...]:
         """Three flags that nobody has raised, bool of shape ``(num_envs, 1)``."""
-        return torch.zeros(3, self.num_envs, 1, dtype=torch.bool).unbind()
+        return self._start.new_zeros(3, self.num_envs, 1, dtype=torch.bool).unbind()
 
     def observe(self) -> dict[str, torch.Tensor]:
         """What the environment knows about its robots now, by key; tensors of their own."""
@@ -365,6 +384,10 @@ def _chosen(observations: Sequence[str]) -> dict[str, Callable[[Physics], torch.
             f"observation {min(unknown)!r} is unknown; choose from {', '.join(OBSERVATIONS)}"
         )
     return {key: OBSERVATIONS[key] for key in observations}
+
+
+def _physics_config(physics: Mapping[str, Any]) -> PhysicsConfig:
+    return load(f"physics/{physics.get('backend', 'threaded')}", physics)
 
 
 def _robot_config(robot: str | Path | RobotConfig | Mapping[str, Any]) -> RobotConfig:

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import torch
 from tensordict import TensorDictBase
 from torchrl.envs import ObservationTransform, TransformedEnv, set_exploration_type
@@ -42,6 +43,8 @@ class Disturbances:
 @dataclasses.dataclass(frozen=True)
 class Walk:
     """What robots did, with an entry for the start and one after each control step.
+
+    On the CPU, wherever the robots are.
 
     Attributes:
         period: time between entries (s).
@@ -119,7 +122,8 @@ class Walker:
         if not self._disturbances.push or self._steps % every != every // 2:
             return
         velocity = self.env.base_env.physics.qvel
-        direction = 2 * math.pi * torch.rand(len(velocity), generator=self._pushes)
+        turns = torch.rand(len(velocity), generator=self._pushes).to(velocity.device)
+        direction = 2 * math.pi * turns
         velocity[:, 0] += self._disturbances.push * direction.cos()
         velocity[:, 1] += self._disturbances.push * direction.sin()
 
@@ -165,7 +169,7 @@ def walk(
     walker.start()
     meter = _Effort(walker) if effort else None
     positions, orientations = [physics.qpos[:, :3].clone()], [physics.qpos[:, 3:7].clone()]
-    diverged = torch.zeros(len(physics.qpos), dtype=torch.bool)
+    diverged = torch.zeros(len(physics.qpos), dtype=torch.bool, device=physics.device)
     for _ in range(steps):
         diverged |= walker.step(sampled)
         positions.append(physics.qpos[:, :3].clone())
@@ -175,11 +179,11 @@ def walk(
         progress()
     return Walk(
         walker.period,
-        torch.stack(positions),
-        torch.stack(orientations),
-        None if meter is None else torch.stack(meter.work),
-        None if meter is None else torch.stack(meter.turning),
-        diverged,
+        torch.stack(positions).cpu(),
+        torch.stack(orientations).cpu(),
+        None if meter is None else torch.stack(meter.work).cpu(),
+        None if meter is None else torch.stack(meter.turning).cpu(),
+        diverged.cpu(),
     )
 
 
@@ -192,10 +196,14 @@ class _Effort:
         self.turning: list[torch.Tensor] = []
         self._walker = walker
         self._timestep = model.opt.timestep
-        self._gain = torch.from_numpy(model.actuator_gainprm[:, 0])
-        self._damping = torch.from_numpy(model.actuator_biasprm[:, 2])
-        self._limit = torch.from_numpy(model.actuator_forcerange[:, 1])
-        self._range = torch.from_numpy(model.actuator_ctrlrange[:, 1])
+
+        def column(array: np.ndarray, index: int) -> torch.Tensor:
+            return torch.tensor(array[:, index], device=env.physics.device)
+
+        self._gain = column(model.actuator_gainprm, 0)
+        self._damping = column(model.actuator_biasprm, 2)
+        self._limit = column(model.actuator_forcerange, 1)
+        self._range = column(model.actuator_ctrlrange, 1)
         self._begin_step()
         env.add_after_substep(self._add)
 

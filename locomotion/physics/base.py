@@ -23,17 +23,20 @@ class Physics(abc.ABC):
     Attributes:
         model: the compiled model that all copies share.
         num_envs: how many copies there are.
+        device: where positions and velocities are, and everything computed from them.
     """
 
     model: mujoco.MjModel
     num_envs: int
+    device: torch.device
 
     @property
     @abc.abstractmethod
     def qpos(self) -> torch.Tensor:
         """Generalised positions, float64 of shape ``(num_envs, nq)``.
 
-        A view: it changes with the next :meth:`step` or :meth:`reset`.
+        A view: it changes with the next :meth:`step` or :meth:`reset`, and what is written to it is
+        where the next step begins. The place on the ground is the true one, however far away.
         """
 
     @property
@@ -56,8 +59,8 @@ class Physics(abc.ABC):
         """Steps copies under a control that is held.
 
         A copy diverges if MuJoCo gives its state up, or if what comes out is not finite or beyond
-        :data:`CEILING`, :data:`MOST_SPEED` or :data:`MOST_STATE`. It is then left in the state that led there or, where that
-        was not one to step from, in the model's initial state.
+        :data:`CEILING`, :data:`MOST_SPEED` or :data:`MOST_STATE`. It is then left in the state that
+        led there or, where that was not one to step from, in the model's initial state.
 
         Args:
             control: for every copy, shape ``(num_envs, nu)``.
@@ -67,8 +70,20 @@ class Physics(abc.ABC):
 
         Returns:
             Which copies diverged, bool of shape ``(num_envs,)``; ``None`` if none did.
+
+        Raises:
+            ConfigError: if the configuration left too little room for the contacts that there were.
         """
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Ends threads and frees what the copies hold."""
+        """Ends threads and frees what stepping takes; the state can still be read."""
+
+
+def require_plain(model: mujoco.MjModel) -> None:
+    """Raises a :class:`ValueError` if positions and velocities are not all that a model's state is."""
+    size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    if size != 1 + model.nq + model.nv or model.nsensordata:
+        raise ValueError("the model has sensors, or state beyond time, positions, velocities")
+    if model.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE:
+        raise ValueError("the model's first joint is not free")

@@ -9,7 +9,7 @@ import mujoco.rollout
 import numpy as np
 import torch
 
-from locomotion.physics.base import CEILING, MOST_SPEED, MOST_STATE, Physics
+from locomotion.physics.base import CEILING, MOST_SPEED, MOST_STATE, Physics, require_plain
 
 #: Columns of a full physics state: time, then positions, which begin with the core's place and height,
 #: then velocities.
@@ -33,18 +33,15 @@ class ThreadedPhysics(Physics):
     """
 
     def __init__(self, model: mujoco.MjModel, num_envs: int, threads: int | None = None) -> None:
-        size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        if size != 1 + model.nq + model.nv or model.nsensordata:
-            raise ValueError("the model has sensors, or state beyond time, positions, velocities")
-        if model.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE:
-            raise ValueError("the model's first joint is not free")
+        require_plain(model)
         threads = threads or _usable_cores()
         self.model = model
         self.num_envs = num_envs
+        self.device = torch.device("cpu")
         self._data = [mujoco.MjData(model) for _ in range(threads)]
         self._models = [model] * num_envs
         self._rollout = mujoco.rollout.Rollout(nthread=threads if threads > 1 else 0)
-        self._state = np.zeros((num_envs, size))
+        self._state = np.zeros((num_envs, 1 + model.nq + model.nv))
         self._qpos = torch.from_numpy(self._state)[:, 1 : 1 + model.nq]
         self._qvel = torch.from_numpy(self._state)[:, 1 + model.nq :]
         self._allocate(1)

@@ -36,7 +36,7 @@ def show_live(walker: Walker, seconds: float, sampled: bool = False) -> None:
 
         def show(physics: Physics) -> None:
             nonlocal due
-            data.qpos[:] = physics.qpos[0].numpy()
+            data.qpos[:] = physics.qpos[0].numpy(force=True)
             data.time += timestep
             mujoco.mj_forward(env.model, data)
             viewer.sync()

@@ -66,7 +66,7 @@ def record_motion(
     moments: list[np.ndarray] = []
 
     def note(physics: Physics) -> None:
-        moments.append(physics.qpos[0].numpy().copy())
+        moments.append(physics.qpos[0].numpy(force=True).copy())
 
     env.add_after_substep(note)
     walk(walker, seconds, sampled, progress=progress)

@@ -8,7 +8,7 @@ import math
 import torch
 from scipy import stats
 
-from locomotion.gaits.walking import Walk, rotate
+from locomotion.gaits.walking import Walk, upwards
 
 #: A walk's course is looked at in strides of this long (s); what is quicker is the gait itself.
 STRIDE = 2.0
@@ -52,9 +52,8 @@ def measure(walk: Walk) -> dict[str, torch.Tensor]:
     - Path: the length of the line through where the core was every :data:`STRIDE` seconds.
     - Heading drift: the angle between the way gone in the first half and in the second, over half the
       time, as the two are half the time apart.
-    - Rolls: turning about the axes along and across the direction of travel, each added up with its
-      sign, so that rocking to and fro is none; the length of the two together, in whole turns. The
-      direction of travel is that of the stride around.
+    - Rolls: half the times that the core turned over, from upright to upside down or back, as
+      rolling over once takes two.
 
     A robot whose simulation diverged has nan for all but ``diverged``.
     """
@@ -72,13 +71,10 @@ def measure(walk: Walk) -> dict[str, torch.Tensor]:
         "straightness": distance / path,
         "heading_drift": math.degrees(1) * _angle(first, second) / (seconds / 120),
     }
-    if walk.work is not None and walk.turning is not None:
-        turns = _turns_over(place, walk.turning, stride)
+    if walk.work is not None and walk.overturns is not None:
         found["work_per_metre"] = walk.work.sum(0) / path
-        found["rolls_per_metre"] = turns / path
-    up = torch.zeros_like(walk.position[-1])
-    up[:, 2] = 1.0
-    found["on_back"] = (rotate(walk.orientation[-1], up)[:, 2] < 0).double()
+        found["rolls_per_metre"] = walk.overturns.sum(0) / 2 / path
+    found["on_back"] = (upwards(walk.orientation[-1]) < 0).double()
     for value in found.values():
         value[walk.diverged] = math.nan
     found["diverged"] = walk.diverged.double()
@@ -89,19 +85,6 @@ def _angle(one: torch.Tensor, other: torch.Tensor) -> torch.Tensor:
     """Between vectors on the ground, ``(robots, 2)``, from 0 to pi."""
     cross = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
     return torch.atan2(cross.abs(), (one * other).sum(-1))
-
-
-def _turns_over(place: torch.Tensor, turning: torch.Tensor, stride: int) -> torch.Tensor:
-    """Whole turns that cores made about the axes along and across the direction of travel."""
-    last = len(place) - 1
-    steps = torch.arange(last)
-    before = (steps - stride // 2).clamp(0, last)
-    after = (steps + 1 + stride // 2).clamp(0, last)
-    way = place[after] - place[before]
-    along = way / way.norm(dim=-1, keepdim=True).clamp(min=1e-9)
-    across = torch.stack([-along[..., 1], along[..., 0]], -1)
-    over = [(axis * turning[..., :2]).sum(-1).sum(0) for axis in (along, across)]
-    return torch.stack(over).norm(dim=0) / (2 * math.pi)
 
 
 def summarise(values: dict[str, torch.Tensor]) -> dict[str, Interval]:

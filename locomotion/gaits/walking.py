@@ -52,8 +52,9 @@ class Walk:
         orientation: of the cores, unit quaternions w x y z of shape ``(steps + 1, robots, 4)``.
         work: by all hinges of a robot in each control step (J), the integral of torque times speed
             without regard to sign, shape ``(steps, robots)``; ``None`` if it was not asked for.
-        turning: by how much the cores turned in each control step, the integral of their angular
-            velocity in the world (rad), shape ``(steps, robots, 3)``; ``None`` likewise.
+        overturns: how often the cores turned over in each control step, from upright to upside down
+            or back, each a tilt of 60 degrees or less from it, shape ``(steps, robots)``; ``None``
+            likewise.
         diverged: whose simulation diverged at some time, bool of shape ``(robots,)``.
     """
 
@@ -61,7 +62,7 @@ class Walk:
     position: torch.Tensor
     orientation: torch.Tensor
     work: torch.Tensor | None
-    turning: torch.Tensor | None
+    overturns: torch.Tensor | None
     diverged: torch.Tensor
 
 
@@ -161,7 +162,7 @@ def walk(
         walker: who walks.
         seconds: for how long, rounded to control steps, at least one.
         sampled: whether actions are drawn, as in training, or are the policy's mean.
-        effort: whether to note work and turning, for which each physics step is looked at.
+        effort: whether to note work and overturns, for which each physics step is looked at.
         progress: called after each control step.
     """
     steps = max(1, round(seconds / walker.period))
@@ -182,18 +183,19 @@ def walk(
         torch.stack(positions).cpu(),
         torch.stack(orientations).cpu(),
         None if meter is None else torch.stack(meter.work).cpu(),
-        None if meter is None else torch.stack(meter.turning).cpu(),
+        None if meter is None else torch.stack(meter.overturns).cpu(),
         diverged.cpu(),
     )
 
 
 class _Effort:
-    """Adds work and turning up over the physics steps of each control step."""
+    """Adds work and overturns up over the physics steps of each control step."""
 
     def __init__(self, walker: Walker) -> None:
         env, model = walker.env.base_env, walker.env.base_env.model
         self.work: list[torch.Tensor] = []
-        self.turning: list[torch.Tensor] = []
+        self.overturns: list[torch.Tensor] = []
+        self._upright = upwards(env.physics.qpos[:, 3:7]) > 0
         self._walker = walker
         self._timestep = model.opt.timestep
 
@@ -208,7 +210,7 @@ class _Effort:
         env.add_after_substep(self._add)
 
     def _begin_step(self) -> None:
-        self._joules, self._turned = 0.0, 0.0
+        self._joules, self._turned = 0.0, 0.0 * self._upright
 
     def _add(self, physics: Physics) -> None:
         angle, speed = physics.qpos[:, 7:], physics.qvel[:, 6:]
@@ -216,12 +218,14 @@ class _Effort:
         torque = self._gain * (target - angle) + self._damping * speed
         torque = torque.clamp(-self._limit, self._limit)
         self._joules = self._joules + self._timestep * (torque * speed).abs().sum(-1)
-        spin = rotate(physics.qpos[:, 3:7], physics.qvel[:, 3:6])  # which MuJoCo gives in the core
-        self._turned = self._turned + self._timestep * spin
+        up = upwards(physics.qpos[:, 3:7])
+        upright = torch.where(up.abs() >= 0.5, up > 0, self._upright)
+        self._turned = self._turned + (upright != self._upright)
+        self._upright = upright
 
     def end_step(self) -> None:
         self.work.append(self._joules)
-        self.turning.append(self._turned)
+        self.overturns.append(self._turned)
         self._begin_step()
 
 
@@ -246,8 +250,11 @@ class SensorNoise(ObservationTransform):
         return self._call(tensordict_reset)
 
 
-def rotate(quaternion: torch.Tensor, vector: torch.Tensor) -> torch.Tensor:
-    """Vectors ``(*batch, 3)`` turned by unit quaternions w x y z ``(*batch, 4)``."""
-    w, axis = quaternion[..., :1], quaternion[..., 1:]
-    twice = 2 * torch.linalg.cross(axis, vector)
-    return vector + w * twice + torch.linalg.cross(axis, twice)
+def upwards(orientation: torch.Tensor) -> torch.Tensor:
+    """How far a body's z axis points up, from -1 to 1, shape ``(*batch,)``.
+
+    Args:
+        orientation: unit quaternions w x y z, body to world, shape ``(*batch, 4)``.
+    """
+    x, y = orientation[..., 1], orientation[..., 2]
+    return 1 - 2 * (x * x + y * y)

@@ -6,6 +6,7 @@ checked before the first one runs, and Hydra's own part of the configuration bef
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -32,6 +33,7 @@ from locomotion.config import (
     GROUPS,
     Config,
     ConfigError,
+    PhysicsConfig,
     conf_dir,
     explain_omegaconf,
     explain_yaml,
@@ -143,13 +145,17 @@ def parse(overrides: Sequence[str], where: str) -> list[Override]:
 def amend(saved: DictConfig, overrides: Sequence[Override]) -> None:
     """Applies overrides to the configuration that a run was started with.
 
+    ``physics=OPTION`` changes what steps the bodies, and leaves these as they were.
+
     Raises:
         ConfigError: for an option that is not there, or a key that cannot be set so.
     """
     for override in overrides:
         key, value = override.key_or_group, override.value()
         if key in GROUPS and isinstance(value, str):
-            value = OmegaConf.structured(load(f"{key}/{value}"))
+            value = dataclasses.asdict(load(f"{key}/{value}"))
+            if key == "physics":
+                value = {name: value[name] for name in PhysicsConfig.STEPPING}
         with explained([override.input_line]):
             OmegaConf.update(saved, key, value, merge=True, force_add=True)
 

@@ -5,8 +5,11 @@ import subprocess
 import sys
 
 import pytest
+from omegaconf import OmegaConf
 
 from locomotion import commands, evaluate, export, watch
+from locomotion.composing import amend, parse
+from locomotion.config.schema import PhysicsBackend
 
 COMMANDS = {"evaluate": evaluate, "watch": watch, "export": export}
 
@@ -105,3 +108,11 @@ def test_a_run_without_a_checkpoint_is_named(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         call("evaluate", [f"run={tmp_path}"], monkeypatch)
     assert capsys.readouterr().err == f"error: {tmp_path} holds no checkpoint yet\n"
+
+
+def test_other_physics_leave_the_bodies_as_they_were():
+    saved = OmegaConf.create({"physics": {"backend": "warp", "device": "cuda:0", "stiffness": 5.0}})
+    amend(saved, parse(["physics=threaded", "physics.friction=0.5"], "here"))
+    assert saved.physics.stiffness == 5.0
+    assert saved.physics.friction == 0.5
+    assert (saved.physics.backend, saved.physics.device) == (PhysicsBackend.threaded, "cpu")

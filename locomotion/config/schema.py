@@ -166,6 +166,8 @@ class PhysicsConfig(Checked):
     """How bodies move and what steps them."""
 
     PREFIX = "physics."
+    #: The keys that say what steps the bodies; the others say what they are made of.
+    STEPPING = ("backend", "device", "contacts", "threads")
 
     backend: PhysicsBackend = key(
         "threaded: MuJoCo on the CPU; warp: MuJoCo Warp, on a GPU",

@@ -106,12 +106,12 @@ def _as_table(
     lines = [
         f"{robots}; mean and 95% confidence interval",
         "",
-        f"{'':22}{'mean action':>26}{'sampled':>26}",
+        f"{'':22}{'mean action':>32}{'sampled':>32}",
     ]
     for name in found["mean_action"]:
         unit = MEASURES[name].unit
         label = f"{name.replace('_', ' ')}{f' ({unit})' if unit else ''}"
-        cells = "".join(f"{_shown(values[name]):>26}" for values in found.values())
+        cells = "".join(f"{_shown(values[name]):>32}" for values in found.values())
         lines.append(f"{label:22}{cells}")
     return "\n".join(lines)
 

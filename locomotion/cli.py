@@ -125,7 +125,7 @@ def _resume(job: Job, folder: Path, overrides: list[str]) -> None:
             f"ppo.iterations={config.ppo.iterations} must be at least the {before} of the run"
         )
     config.physics.require()
-    _require_writable(folder)
+    require_writable(folder)
     _run(job, config, folder, {"config": OmegaConf.structured(config)}, resumed=True)
 
 
@@ -149,11 +149,11 @@ def _check(arguments: argparse.Namespace) -> None:
         taken.add(folder)
         if not informs:
             config.physics.require()
-            _require_writable(folder)
+            require_writable(folder)
             is_finished(folder, config)
 
 
-def _require_writable(folder: Path) -> None:
+def require_writable(folder: Path) -> None:
     """Raises a :class:`RunError` if nothing can be written to a folder, which need not exist yet."""
     try:
         there = next(path for path in (folder, *folder.absolute().parents) if path.exists())

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import yaml
 from omegaconf import OmegaConf
 
-from locomotion.cli import refuse
+from locomotion.cli import refuse, require_writable
 from locomotion.composing import amend, parse, register
 from locomotion.config import (
     GROUPS,
@@ -104,19 +104,19 @@ def _asked(
     if flags:
         raise ConfigError(f"{flags[0]} is no flag of this command; --help shows what there is")
     overrides = parse(arguments, "for a policy that has been trained")
-    options = {field.name for field in dataclasses.fields(schema)}
+    names = {field.name for field in dataclasses.fields(schema)}
     chosen: dict[str, Any] = {}
     own, task = {}, []
     for override in overrides:
         key, value = override.key_or_group, override.value()
         if key in ("robot", "run"):
             chosen[key] = str(value)
-        elif key in options:
+        elif key in names:
             own[key] = value
         elif key.split(".")[0] in _CHANGEABLE or key == "seed":
             task.append(override)
         else:
-            raise ConfigError(_misplaced(key, options))
+            raise ConfigError(_misplaced(key, names))
     folder = _folder(**chosen)
     saved = OmegaConf.create(read_config(folder))
     saved.env.update(fixed)
@@ -128,7 +128,18 @@ def _asked(
     for key, value in fixed.items():
         if getattr(config.env, key) != value:
             raise ConfigError(f"env.{key} is {'null' if value is None else value} in this command")
-    return folder, config, load_file(conf_dir() / f"{name}.yaml", schema, own)
+    options = load_file(conf_dir() / f"{name}.yaml", schema, own)
+    if hasattr(options, "output"):
+        _require_place(options.output)
+    return folder, config, options
+
+
+def _require_place(output: str | None) -> None:
+    """Looks whether a file can be written where it is wanted, before anything is computed for it."""
+    home = Path() if output is None else Path(output).parent
+    if not home.is_dir():
+        raise ConfigError(f"output={output}: there is no folder {home}")
+    require_writable(home)
 
 
 def _folder(robot: str | None = None, run: str | None = None) -> Path:

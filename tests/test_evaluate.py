@@ -88,6 +88,8 @@ def test_help_names_every_key(name, monkeypatch, capsys):
         ("watch", ["fps=0"], "fps=0 must be at least 1"),
         ("export", ["output=gait.bin"], "output=gait.bin must be a file that ends in .onnx"),
         ("export", ["seconds=3"], "seconds is no key"),
+        ("export", ["output=nowhere/x.onnx"], "output=nowhere/x.onnx: there is no folder nowhere"),
+        ("watch", ["output=/proc/x.mp4"], "/proc cannot be written"),
     ],
 )
 def test_a_wrong_call_is_answered_in_one_line(name, arguments, message, monkeypatch, capsys):

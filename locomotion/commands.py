@@ -26,6 +26,7 @@ from locomotion.config import (
     EnvConfig,
     PhysicsConfig,
     conf_dir,
+    load,
     load_file,
     typed,
 )
@@ -119,7 +120,13 @@ def _asked(
             raise ConfigError(_misplaced(key, names))
     folder = _folder(**chosen)
     saved = OmegaConf.create(read_config(folder))
+    for part in ("env", "physics", "ppo"):
+        if not OmegaConf.is_dict(saved.get(part)):
+            raise RunError(
+                f"{folder} holds no run of this project: its configuration has no {part}"
+            )
     saved.env.update(fixed)
+    saved.logger = load("logger/csv")  # what a run was shown in need not be installed here
     # Nothing learns here, so no batch has a say in how many robots there are.
     saved.ppo.update(steps=1, minibatch_size=1)
     amend(saved, task)

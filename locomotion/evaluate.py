@@ -37,10 +37,10 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
     from tqdm import tqdm
 
     from locomotion.gaits import (
-        CHANGES,
         Disturbances,
         make_walker,
         measure,
+        planned,
         shares,
         summarise,
         walk,
@@ -48,7 +48,9 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
 
     disturbances = Disturbances(options.delay, options.noise, options.push)
     walker = make_walker(run, config, disturbances)
-    walks = 2 + (1 + len(CHANGES)) * options.reality_check
+    walks = 2
+    if options.reality_check:
+        walks += 1 + len(planned(config, disturbances))
     total = walks * max(1, round(options.seconds / walker.period))
     found, checked = {}, []
     # No bar without a terminal. It goes to standard error, apart from the result.

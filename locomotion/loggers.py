@@ -33,6 +33,10 @@ class RunLogger(abc.ABC):
         """Shows a film of the policy after so many frames."""
 
     @abc.abstractmethod
+    def flush(self) -> None:
+        """Writes what has been logged, as a checkpoint will not have it logged again."""
+
+    @abc.abstractmethod
     def close(self) -> None:
         """Sends or writes what is left."""
 
@@ -43,7 +47,8 @@ def open_logger(folder: Path, config: Config, frames: int) -> RunLogger | None:
     Args:
         folder: the run's folder.
         config: the run.
-        frames: how many frames are behind the run; what had been logged of later ones is replaced.
+        frames: how many frames are behind the run. TensorBoard replaces what had been logged of later
+            ones; Weights & Biases keeps it, as the rows that come again are the same.
 
     Raises:
         RunError: if the logger cannot be opened, such as without an account.
@@ -75,6 +80,9 @@ class TensorBoard(RunLogger):
 
     def log(self, row: Mapping[str, float]) -> None:
         self._logger.log_metrics(dict(row), step=int(row["frames"]))
+
+    def flush(self) -> None:
+        self._logger.experiment.flush()
 
     def log_film(self, film: Path, frames: int) -> None:
         # An animated picture that is encoded already; TorchRL's log_video would need moviepy for that.
@@ -120,6 +128,9 @@ class WeightsAndBiases(RunLogger):
 
     def log(self, row: Mapping[str, float]) -> None:
         self._logger.experiment.log(dict(row), step=int(row["frames"]))
+
+    def flush(self) -> None:
+        """Weights & Biases writes by itself, at the end of the process too."""
 
     def log_film(self, film: Path, frames: int) -> None:
         import wandb

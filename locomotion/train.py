@@ -8,7 +8,8 @@ own, and takes as many lines to wire up as this loop takes to read.
 
 from __future__ import annotations
 
-import dataclasses
+import json
+import subprocess
 import sys
 import time
 from multiprocessing import parent_process
@@ -16,10 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from locomotion.cli import launch
-from locomotion.config import Config, ConfigError
+from locomotion.config import Config
 from locomotion.interruption import WishToStop
 from locomotion.quiet import quiet
-from locomotion.rendering.graphics import choose_graphics
 from locomotion.runs import RunError, RunStopped
 
 if TYPE_CHECKING:
@@ -128,6 +128,8 @@ def train(config: Config, folder: Path) -> None:
             over = completed == config.ppo.iterations
             if completed % config.checkpoint_interval == 0 or over or wish.came:
                 metrics.sync()
+                if logger is not None:
+                    logger.flush()
                 checkpoints.save(completed)
             if wish.came and not over:
                 raise KeyboardInterrupt(
@@ -149,24 +151,20 @@ def train(config: Config, folder: Path) -> None:
 
 
 def _film(config: Config, folder: Path, logger: RunLogger, frames: int) -> None:
-    """Films the trained policy for a logger; where nothing can be drawn it says so, and the run is whole."""
-    from locomotion.gaits import make_walker
-    from locomotion.rendering.film import write_film
-    from locomotion.rendering.motion import record_motion
+    """Films the trained policy for a logger; where nothing can be drawn it says so, and the run is whole.
 
-    one = dataclasses.replace(
-        config,
-        env=dataclasses.replace(config.env, num_envs=1, time_limit=None),
-        ppo=dataclasses.replace(config.ppo, steps=1, minibatch_size=1),  # nothing learns here
-    )
-    motion = record_motion(make_walker(folder, one), config.logger.video_seconds, fps=25)
+    In a process of its own, as drawing depends on what MuJoCo is told before it is imported.
+    """
     film = folder / f"gait{logger.film_ending}"
-    try:
-        write_film(motion, film, 480, 270)
-    except ConfigError as error:
-        print(f"warning: {folder}: no film of the gait; {error}", file=sys.stderr)
-    else:
+    options = [f"seconds={config.logger.video_seconds}", "width=480", "height=270"]
+    command = [sys.executable, "-m", "locomotion.watch"]
+    paths = [f"{key}={json.dumps(str(path))}" for key, path in (("run", folder), ("output", film))]
+    watched = subprocess.run([*command, *paths, *options], capture_output=True, text=True)
+    if watched.returncode == 0:
         logger.log_film(film, frames)
+    else:
+        reason = (watched.stderr.splitlines() or ["it ended without a word"])[-1]
+        print(f"warning: {folder}: no film of the gait; {reason}", file=sys.stderr)
 
 
 def make_collector(config: Config, env: TransformedEnv, actor: ProbabilisticActor) -> Collector:
@@ -177,5 +175,4 @@ def make_collector(config: Config, env: TransformedEnv, actor: ProbabilisticActo
 
 
 if __name__ == "__main__":
-    choose_graphics()  # before MuJoCo is imported; a film may be drawn at the end
     launch(train)

@@ -1,6 +1,7 @@
 """The command lines of evaluate, watch and export: what they print, and what they refuse."""
 
 import json
+import shutil
 import subprocess
 import sys
 
@@ -8,8 +9,9 @@ import pytest
 from omegaconf import OmegaConf
 
 from locomotion import commands, evaluate, export, watch
-from locomotion.composing import amend, parse
+from locomotion.composing import amend, compose, parse
 from locomotion.config.schema import PhysicsBackend
+from locomotion.gaits import Disturbances, planned
 
 COMMANDS = {"evaluate": evaluate, "watch": watch, "export": export}
 
@@ -118,3 +120,30 @@ def test_other_physics_leave_the_bodies_as_they_were():
     assert saved.physics.stiffness == 5.0
     assert saved.physics.friction == 0.5
     assert (saved.physics.backend, saved.physics.device) == (PhysicsBackend.threaded, "cpu")
+
+
+def test_a_folder_of_another_project_is_refused_and_a_logger_need_not_be_installed(
+    tmp_path, monkeypatch, capsys
+):
+    place = tmp_path / ".hydra" / "config.yaml"
+    place.parent.mkdir()
+    place.write_text("learning_rate: 3\n")
+    with pytest.raises(SystemExit) as ended:
+        call("evaluate", [f"run={tmp_path}"], monkeypatch)
+    assert ended.value.code == 2
+    assert "holds no run of this project" in capsys.readouterr().err
+
+    saved = OmegaConf.load(commands.POLICIES / "gecko" / ".hydra" / "config.yaml")
+    saved.logger = {"backend": "wandb", "video_seconds": 8.0}
+    OmegaConf.save(saved, place)
+    shutil.copytree(commands.POLICIES / "gecko" / "checkpoints", tmp_path / "checkpoints")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    call("evaluate", [f"run={tmp_path}", "seconds=1", "env.num_envs=2"], monkeypatch)
+    assert "speed (m/s)" in capsys.readouterr().out
+
+
+def test_a_change_that_changes_nothing_is_left_out_and_others_come_on_top():
+    config = compose("physics.self_collision=true", "physics.timestep=0.01")
+    overrides = [row[-1] for row in planned(config, Disturbances(delay=2, push=0.5))]
+    assert "physics.self_collision=true" not in overrides
+    assert overrides[-3:] == ["delay=3", "noise=0.05", "push=1"]

@@ -3,7 +3,7 @@
 from locomotion.gaits.controller import Controller
 from locomotion.gaits.measures import MEASURES, Interval, measure, summarise
 from locomotion.gaits.policy import load_policy
-from locomotion.gaits.reality import CHANGES, Change, Share, shares
+from locomotion.gaits.reality import CHANGES, Change, Share, planned, shares
 from locomotion.gaits.walking import Disturbances, Walk, Walker, make_walker, walk
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "load_policy",
     "make_walker",
     "measure",
+    "planned",
     "shares",
     "summarise",
     "walk",

@@ -22,28 +22,30 @@ class Change:
     Attributes:
         what: in words.
         key: a key of ``physics``, or of :class:`~locomotion.gaits.Disturbances`.
-        factor: what the key is multiplied by, unless it is set to ``value``.
-        value: what the key is set to.
+        of: its value under the change, from the nominal one.
     """
 
     what: str
     key: str
-    factor: float | None = None
-    value: Any = None
+    of: Callable[[Any], Any]
+
+
+def _times(factor: float) -> Callable[[float], float]:
+    return lambda value: float(f"{factor * value:.12g}")  # 0.1 * 0.01 is 0.001, not a digit more
 
 
 CHANGES = (
-    Change("a tenth of the timestep", "physics.timestep", factor=0.1),
-    Change("limbs that collide", "physics.self_collision", value=True),
-    Change("half the friction", "physics.friction", factor=0.5),
-    Change("friction and a half", "physics.friction", factor=1.5),
-    Change("servos 20% weaker", "physics.strength_scale", factor=0.8),
-    Change("servos 20% stronger", "physics.strength_scale", factor=1.2),
-    Change("modules 20% lighter", "physics.mass_scale", factor=0.8),
-    Change("modules 20% heavier", "physics.mass_scale", factor=1.2),
-    Change("targets a step late", "delay", value=1),
-    Change("noisy hinge sensors", "noise", value=0.05),
-    Change("pushes", "push", value=0.5),
+    Change("a tenth of the timestep", "physics.timestep", _times(0.1)),
+    Change("limbs that collide", "physics.self_collision", lambda _: True),
+    Change("half the friction", "physics.friction", _times(0.5)),
+    Change("friction and a half", "physics.friction", _times(1.5)),
+    Change("servos 20% weaker", "physics.strength_scale", _times(0.8)),
+    Change("servos 20% stronger", "physics.strength_scale", _times(1.2)),
+    Change("modules 20% lighter", "physics.mass_scale", _times(0.8)),
+    Change("modules 20% heavier", "physics.mass_scale", _times(1.2)),
+    Change("targets a step late", "delay", lambda steps: steps + 1),
+    Change("noisy hinge sensors", "noise", lambda deviation: deviation + 0.05),
+    Change("pushes", "push", lambda speed: speed + 0.5),
 )
 
 
@@ -73,7 +75,7 @@ def shares(
     seconds: float,
     progress: Callable[[], object] = lambda: None,
 ) -> list[Share]:
-    """Walks under each of :data:`CHANGES`, one at a time, with the policy's mean action.
+    """Walks under each change of :func:`planned`, one at a time, with the policy's mean action.
 
     The interval is that of a ratio of two means, by the delta method: the relative variances of both
     add up.
@@ -85,30 +87,42 @@ def shares(
         seconds: how long each walk takes.
         progress: called after each control step.
     """
+    plan = planned(config, disturbances)
     nominal = _speeds(run, config, disturbances, seconds, progress)[0]
     found = []
-    for change in CHANGES:
-        changed, disturbed, override = _apply(change, config, disturbances)
+    for change, changed, disturbed, override in plan:
         speeds, diverged = _speeds(run, changed, disturbed, seconds, progress)
         share = _ratio(speeds, nominal)
         found.append(Share(change.what, override, speeds.mean().item(), share, diverged))
     return found
 
 
-def _apply(
-    change: Change, config: Config, disturbances: Disturbances
-) -> tuple[Config, Disturbances, str]:
-    group, _, name = change.key.rpartition(".")
-    part = getattr(config, group) if group else disturbances
-    value = change.value
-    if change.factor is not None:
-        value = float(f"{change.factor * getattr(part, name):.12g}")
-    part = dataclasses.replace(part, **{name: value})
-    shown = str(value).lower() if isinstance(value, bool) else f"{value:g}"
-    override = f"{change.key}={shown}"
-    if group:
-        return dataclasses.replace(config, **{group: part}), disturbances, override
-    return config, part, override
+def planned(
+    config: Config, disturbances: Disturbances
+) -> list[tuple[Change, Config, Disturbances, str]]:
+    """The :data:`CHANGES` that change a task: what it is under each, and the change as an override.
+
+    Raises:
+        ConfigError: if a change would put a key out of its range.
+    """
+    plan = []
+    for change in CHANGES:
+        group, _, name = change.key.rpartition(".")
+        part = getattr(config, group) if group else disturbances
+        nominal = getattr(part, name)
+        value = change.of(nominal)
+        if value == nominal:
+            continue
+        shown = str(value).lower() if isinstance(value, bool) else f"{value:g}"
+        part = dataclasses.replace(part, **{name: value})
+        override = f"{change.key}={shown}"
+        if group:
+            plan.append(
+                (change, dataclasses.replace(config, **{group: part}), disturbances, override)
+            )
+        else:
+            plan.append((change, config, part, override))
+    return plan
 
 
 def _speeds(

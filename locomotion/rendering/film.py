@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -33,7 +34,10 @@ def draw(motion: Motion, width: int, height: int) -> Iterator[np.ndarray]:
     Raises:
         ConfigError: if this machine cannot draw.
     """
-    if mujoco.GLContext.__module__ == "mujoco.glfw" and not has_screen():
+    context = getattr(mujoco, "GLContext", None)
+    if context is None:
+        raise ConfigError(f"{ADVICE}; MUJOCO_GL={os.environ.get('MUJOCO_GL')} switches drawing off")
+    if context.__module__ == "mujoco.glfw" and not has_screen():
         # MuJoCo aborts the process where it cannot open a window for the second time.
         raise ConfigError(f"{ADVICE}, and MUJOCO_GL=egl to be set before MuJoCo is imported")
     model = motion.model

@@ -24,6 +24,11 @@ def choose_graphics() -> None:
         for name, library in _OFFSCREEN.items():
             if ctypes.util.find_library(library):
                 os.environ["MUJOCO_GL"] = name
+                try:
+                    import dm_control._render  # noqa: F401
+                except Exception:  # noqa: BLE001  the library is there and does not work
+                    for variable in ("MUJOCO_GL", "PYOPENGL_PLATFORM"):
+                        os.environ.pop(variable, None)
                 return
 
 

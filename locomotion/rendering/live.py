@@ -8,6 +8,7 @@ import time
 import mujoco
 import mujoco.viewer
 
+from locomotion.config import ConfigError
 from locomotion.gaits import Walker
 from locomotion.physics import Physics
 
@@ -21,14 +22,21 @@ def show_live(walker: Walker, seconds: float, sampled: bool = False) -> None:
         walker: who walks.
         seconds: for how long.
         sampled: whether actions are drawn, as in training, or are the policy's mean.
+
+    Raises:
+        ConfigError: if MuJoCo cannot open its viewer.
     """
     env = walker.env.base_env
     data = mujoco.MjData(env.model)
     timestep = env.model.opt.timestep
     threads = {*threading.enumerate()}
-    with mujoco.viewer.launch_passive(
-        env.model, data, show_left_ui=False, show_right_ui=False
-    ) as viewer:
+    try:
+        window = mujoco.viewer.launch_passive(
+            env.model, data, show_left_ui=False, show_right_ui=False
+        )
+    except RuntimeError as error:  # on a Mac it wants to be started by mjpython
+        raise ConfigError(f"live=true: {' '.join(str(error).split())}") from error
+    with window as viewer:
         viewer.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
         viewer.cam.trackbodyid = 1
         viewer.cam.distance, viewer.cam.azimuth, viewer.cam.elevation = 1.7, 120.0, -25.0

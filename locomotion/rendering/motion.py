@@ -72,6 +72,6 @@ def record_motion(
     walk(walker, seconds, sampled, progress=progress)
     rate = 1 / env.model.opt.timestep
     fps = min(fps, rate)
-    moments_of_pictures = np.arange(0, len(moments), rate / fps).round().astype(int)
+    moments_of_pictures = np.arange(0, len(moments), rate / fps).astype(int)
     steps = (moments_of_pictures / rate / walker.period).astype(int)
     return Motion(env.model, fps, np.stack(moments)[moments_of_pictures], steps, walker.period)

@@ -8,6 +8,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
 from locomotion.agents import PPO, make_actor, make_critic
+from locomotion.agents.networks import ObservationNet
 from locomotion.config import load
 
 OBSERVATIONS = Composite(hinges=Unbounded((4, 18)), orientation=Unbounded((4, 4)), shape=(4,))
@@ -28,6 +29,22 @@ def test_networks_have_the_reports_layers():
     td = actor(OBSERVATIONS.rand())
     assert torch.equal(td["scale"], torch.ones(4, 6))
     assert critic(td)["state_value"].shape == (4, 1)
+
+
+@pytest.mark.parametrize("rows", [4, 2048])
+def test_a_network_is_the_function_that_its_layers_say(rows):
+    # However many rows there are: large batches take another way through the activations.
+    torch.manual_seed(0)
+    net = ObservationNet([18, 4], 6)
+    observations = [3 * torch.randn(rows, 18), torch.randn(rows, 4)]
+    encoded = [encode(x) for encode, x in zip(net.encoders, observations)]
+    joint = net.joint_encoder(torch.cat(encoded, -1).tanh())
+    expected, result = net.head(joint.tanh()), net(observations)
+    torch.testing.assert_close(result, expected)
+    weight = torch.randn_like(expected)
+    gradients = torch.autograd.grad((weight * result).sum(), list(net.parameters()))
+    expected = torch.autograd.grad((weight * expected).sum(), list(net.parameters()))
+    torch.testing.assert_close(gradients, expected, rtol=1e-4, atol=1e-4)
 
 
 def test_log_probability_is_that_of_the_unclipped_sample():

@@ -13,6 +13,7 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from tensordict.utils import NestedKey
 from torch import nn
+from torch.autograd.function import FunctionCtx, once_differentiable
 from torchrl.data import Composite, TensorSpec
 from torchrl.modules import IndependentNormal, ProbabilisticActor
 
@@ -59,9 +60,25 @@ class ObservationNet(nn.Module):
 
 
 def _tanh(x: torch.Tensor) -> torch.Tensor:
-    # The same function twice: on a CPU torch's sigmoid is several times faster than its tanh, which
-    # pays for the operations around it where there is much to compute.
-    return x.tanh() if x.numel() < 2**15 else 2 * torch.sigmoid(2 * x) - 1
+    # On some CPUs torch's tanh takes several times as long as its sigmoid, which pays for the
+    # operations around it where there is much to compute.
+    return _SigmoidTanh.apply(x) if x.is_cpu and x.numel() >= 2**15 else x.tanh()
+
+
+class _SigmoidTanh(torch.autograd.Function):
+    """``tanh(x) = 2 sigmoid(2 x) - 1``, with the memory of two results instead of seven."""
+
+    @staticmethod
+    def forward(ctx: FunctionCtx, x: torch.Tensor) -> torch.Tensor:
+        sigmoid = (2 * x).sigmoid_()
+        ctx.save_for_backward(sigmoid)
+        return (2 * sigmoid).sub_(1)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: FunctionCtx, gradient: torch.Tensor) -> torch.Tensor:
+        (sigmoid,) = ctx.saved_tensors
+        return torch.ops.aten.sigmoid_backward(gradient, sigmoid).mul_(4)
 
 
 class _ObservationModule(TensorDictModuleBase):
@@ -96,7 +113,8 @@ class GaussianParameters(_ObservationModule):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         loc = self.evaluate(tensordict)
         tensordict.set("loc", loc)
-        tensordict.set("scale", self.log_scale.exp().expand_as(loc))
+        # Contiguous, because torch takes the logarithm of an expanded tensor five times as slowly.
+        tensordict.set("scale", self.log_scale.exp().expand_as(loc).contiguous())
         return tensordict
 
 

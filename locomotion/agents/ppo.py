@@ -76,7 +76,7 @@ class PPO:
         ]
         device = next(critic.parameters()).device
         self.buffer = ReplayBuffer(
-            storage=LazyTensorStorage(frames, device=device),
+            storage=_RowStorage(frames, device=device),
             sampler=SamplerWithoutReplacement(),
             batch_size=config.minibatch_size,
         )
@@ -133,6 +133,14 @@ class PPO:
         schedule = zip(self.schedule.base_lrs, self.schedule.lr_lambdas, strict=True)
         for group, (rate, factor) in zip(self.optimizer.param_groups, schedule, strict=True):
             group["lr"] = rate * factor(self.schedule.last_epoch)
+
+
+class _RowStorage(LazyTensorStorage):
+    """Storage that is read by ``index_select``: the same rows, in a fraction of indexing's time."""
+
+    def get(self, index: torch.Tensor) -> TensorDictBase:
+        stored = super().get(slice(None))
+        return stored.apply(lambda entry: entry.index_select(0, index), batch_size=index.shape)
 
 
 def _require_finite(name: str, *values: torch.Tensor) -> None:

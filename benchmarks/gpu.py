@@ -104,7 +104,7 @@ def main() -> None:
         except OSError as error:
             parser.exit(2, f"error: --json {arguments.json}: {error.strerror}\n")
 
-    from locomotion.composing import compose
+    from locomotion.command_line.composing import compose
     from locomotion.config import ConfigError
 
     try:

@@ -18,7 +18,7 @@ from torchrl.envs import TransformedEnv
 
 from locomotion.agents import PPO, make_critic
 from locomotion.assembly import make_env, make_policy, policy_keys
-from locomotion.composing import compose
+from locomotion.command_line.composing import compose
 from locomotion.envs import WalkAway
 from locomotion.envs.task import TARGET_LIMIT
 from locomotion.train import make_collector

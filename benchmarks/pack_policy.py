@@ -14,11 +14,11 @@ from pathlib import Path
 from omegaconf import OmegaConf
 
 from locomotion.assembly import make_env
-from locomotion.checkpoints import Checkpoints
-from locomotion.commands import POLICIES
+from locomotion.command_line.policies import POLICIES
 from locomotion.config import Config, ConfigError, typed
 from locomotion.gaits import load_policy
 from locomotion.runs import RunError, read_config, record
+from locomotion.runs.checkpoints import Checkpoints
 
 
 def pack(run: Path) -> Path:

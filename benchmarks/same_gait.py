@@ -16,10 +16,10 @@ import torch
 
 from benchmarks.ours import plain_model
 from locomotion.assembly import make_env, make_policy
-from locomotion.checkpoints import Checkpoints
 from locomotion.config import Config, ConfigError, typed
 from locomotion.physics import ThreadedPhysics
 from locomotion.runs import RunError, read_config
+from locomotion.runs.checkpoints import Checkpoints
 
 NUM_ENVS, STEPS, WARM_UP = 256, 400, 50
 

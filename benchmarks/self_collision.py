@@ -14,10 +14,10 @@ from pathlib import Path
 from omegaconf import OmegaConf
 from tqdm import tqdm
 
+from locomotion.command_line.quiet import quiet
 from locomotion.config import Config, ConfigError, typed
 from locomotion.gaits import Interval, make_walker, measure, summarise, walk
 from locomotion.plots.curves import find_runs
-from locomotion.quiet import quiet
 from locomotion.runs import RunError, read_config
 
 NUM_ENVS, SECONDS = 64, 60.0

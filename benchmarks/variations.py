@@ -22,7 +22,7 @@ from tensordict import TensorDict, TensorDictBase
 
 from locomotion import agents, assembly
 from locomotion.agents import PPO
-from locomotion.cli import launch
+from locomotion.command_line.training import launch
 from locomotion.envs import environment, task
 from locomotion.train import train
 from locomotion.transforms import HingeHistory

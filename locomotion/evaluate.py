@@ -8,9 +8,9 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from locomotion.commands import command
+from locomotion.command_line.policies import command
+from locomotion.command_line.quiet import quiet
 from locomotion.config import Config, EvaluateConfig
-from locomotion.quiet import quiet
 
 if TYPE_CHECKING:
     from locomotion.gaits import Interval, Share

@@ -9,9 +9,9 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from locomotion.commands import command
+from locomotion.command_line.policies import command
+from locomotion.command_line.quiet import quiet
 from locomotion.config import Config, ConfigError, ExportConfig
-from locomotion.quiet import quiet
 from locomotion.writing import replacing
 
 if TYPE_CHECKING:

@@ -16,18 +16,18 @@ from multiprocessing import parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from locomotion.cli import launch
+from locomotion.command_line.quiet import quiet
+from locomotion.command_line.training import launch
 from locomotion.config import Config
-from locomotion.interruption import WishToStop
-from locomotion.quiet import quiet
 from locomotion.runs import RunError, RunStopped
+from locomotion.runs.interruption import WishToStop
 
 if TYPE_CHECKING:
     from torchrl.collectors import Collector
     from torchrl.envs import TransformedEnv
     from torchrl.modules import ProbabilisticActor
 
-    from locomotion.loggers import RunLogger
+    from locomotion.runs.loggers import RunLogger
 
 
 def train(config: Config, folder: Path) -> None:
@@ -52,10 +52,10 @@ def train(config: Config, folder: Path) -> None:
 
     from locomotion.agents import PPO, make_critic
     from locomotion.assembly import make_env, make_policy, policy_keys
-    from locomotion.checkpoints import Checkpoints, saved
-    from locomotion.loggers import open_logger
     from locomotion.plots import plot_learning_curves, read_run
-    from locomotion.recording import MetricsWriter, save_divergences
+    from locomotion.runs.checkpoints import Checkpoints, saved
+    from locomotion.runs.loggers import open_logger
+    from locomotion.runs.metrics import MetricsWriter, save_divergences
 
     torch.manual_seed(config.seed)
     env = make_env(config)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from locomotion.commands import command
+from locomotion.command_line.policies import command
+from locomotion.command_line.quiet import quiet
 from locomotion.config import Config, ConfigError, WatchConfig
-from locomotion.quiet import quiet
 from locomotion.rendering.graphics import ADVICE, choose_graphics, has_graphics, has_screen
 
 _EXAMPLES = """\

@@ -5,7 +5,7 @@ import torch
 
 from locomotion.agents import PPO, make_critic
 from locomotion.assembly import make_env, make_policy, policy_keys
-from locomotion.composing import compose
+from locomotion.command_line.composing import compose
 from locomotion.train import make_collector
 
 STEPS = 12

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from locomotion.assembly import make_env, make_policy
-from locomotion.composing import compose
+from locomotion.command_line.composing import compose
 from locomotion.envs import LocomotionEnv
 from locomotion.train import make_collector
 

@@ -8,8 +8,9 @@ import sys
 import pytest
 from omegaconf import OmegaConf
 
-from locomotion import commands, evaluate, export, watch
-from locomotion.composing import amend, compose, parse
+from locomotion import evaluate, export, watch
+from locomotion.command_line import policies
+from locomotion.command_line.composing import amend, compose, parse
 from locomotion.config.schema import PhysicsBackend
 from locomotion.gaits import Disturbances, planned
 
@@ -107,7 +108,7 @@ def test_a_wrong_call_is_answered_in_one_line(name, arguments, message, monkeypa
 
 def test_a_run_without_a_checkpoint_is_named(tmp_path, monkeypatch, capsys):
     (tmp_path / ".hydra").mkdir()
-    config = commands.POLICIES / "gecko" / ".hydra" / "config.yaml"
+    config = policies.POLICIES / "gecko" / ".hydra" / "config.yaml"
     (tmp_path / ".hydra" / "config.yaml").write_text(config.read_text())
     with pytest.raises(SystemExit):
         call("evaluate", [f"run={tmp_path}"], monkeypatch)
@@ -133,10 +134,10 @@ def test_a_folder_of_another_project_is_refused_and_a_logger_need_not_be_install
     assert ended.value.code == 2
     assert "holds no run of this project" in capsys.readouterr().err
 
-    saved = OmegaConf.load(commands.POLICIES / "gecko" / ".hydra" / "config.yaml")
+    saved = OmegaConf.load(policies.POLICIES / "gecko" / ".hydra" / "config.yaml")
     saved.logger = {"backend": "wandb", "video_seconds": 8.0}
     OmegaConf.save(saved, place)
-    shutil.copytree(commands.POLICIES / "gecko" / "checkpoints", tmp_path / "checkpoints")
+    shutil.copytree(policies.POLICIES / "gecko" / "checkpoints", tmp_path / "checkpoints")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     call("evaluate", [f"run={tmp_path}", "seconds=1", "env.num_envs=2"], monkeypatch)
     assert "speed (m/s)" in capsys.readouterr().out

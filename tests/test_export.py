@@ -14,11 +14,11 @@ from torchrl.envs import set_exploration_type
 from torchrl.envs.utils import ExplorationType
 
 from locomotion.assembly import make_env, make_policy
-from locomotion.checkpoints import Checkpoints
-from locomotion.composing import compose
+from locomotion.command_line.composing import compose
 from locomotion.config import ExportConfig
 from locomotion.export import export
 from locomotion.runs import record
+from locomotion.runs.checkpoints import Checkpoints
 
 ROOT = Path(__file__).parents[1]
 

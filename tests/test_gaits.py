@@ -10,8 +10,8 @@ import torch
 from omegaconf import OmegaConf
 
 from locomotion.assembly import make_env
-from locomotion.commands import POLICIES, shipped
-from locomotion.composing import compose
+from locomotion.command_line.composing import compose
+from locomotion.command_line.policies import POLICIES, shipped
 from locomotion.config import Config, typed
 from locomotion.gaits import (
     CHANGES,

@@ -13,7 +13,7 @@ from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from wandb.proto import wandb_internal_pb2
 
-from locomotion.composing import compose
+from locomotion.command_line.composing import compose
 from locomotion.rendering.graphics import has_graphics
 from locomotion.runs import record
 from locomotion.train import train

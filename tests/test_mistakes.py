@@ -6,8 +6,8 @@ import sys
 import pytest
 from omegaconf import OmegaConf
 
-from locomotion import cli
-from locomotion.composing import compose
+from locomotion.command_line.composing import compose
+from locomotion.command_line.training import launch
 from locomotion.config import schema
 from locomotion.runs import record
 
@@ -18,7 +18,7 @@ def refusal(arguments, monkeypatch, capsys):
     """The line with which ``python -m locomotion.train`` refuses its arguments."""
     monkeypatch.setattr(sys, "argv", ["train", *map(str, arguments)])
     with pytest.raises(SystemExit) as ended:
-        cli.launch(lambda config, folder: pytest.fail("the job was started"))
+        launch(lambda config, folder: pytest.fail("the job was started"))
     printed = capsys.readouterr()
     assert ended.value.code == 2
     assert printed.out == ""

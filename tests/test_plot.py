@@ -11,7 +11,7 @@ from scipy import stats
 
 from benchmarks import ablation, claims
 from locomotion import plot
-from locomotion.composing import compose
+from locomotion.command_line.composing import compose
 from locomotion.plots import REPORT, Curve, figure2, figure3, mean_interval, read_csv, read_sweep
 from locomotion.runs import RunError, record
 

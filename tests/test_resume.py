@@ -17,10 +17,10 @@ from benchmarks.kill_and_resume import command, outcome
 from locomotion import assembly
 from locomotion import train as training
 from locomotion.agents import PPO, make_actor
-from locomotion.checkpoints import Checkpoints, path_of
-from locomotion.composing import compose
+from locomotion.command_line.composing import compose
 from locomotion.config import load
 from locomotion.runs import RunError, RunStopped, record
+from locomotion.runs.checkpoints import Checkpoints, path_of
 
 SMALL = [
     *("robot=ant", "+obs=history3", "env.num_envs=3", "env.time_limit=5", "ppo.steps=8"),
@@ -200,7 +200,7 @@ def test_a_row_is_written_whole_or_not_at_all(tmp_path):
     code = f"""
 import resource, signal
 from pathlib import Path
-from locomotion.recording import MetricsWriter
+from locomotion.runs.metrics import MetricsWriter
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (40, 40))
 writer = MetricsWriter(Path({str(tmp_path)!r}))

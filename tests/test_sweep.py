@@ -7,8 +7,8 @@ import hydra
 import pytest
 from omegaconf import OmegaConf
 
-from locomotion import cli
-from locomotion.composing import compose, compose_job, split_sweep
+from locomotion.command_line.composing import compose, compose_job, split_sweep
+from locomotion.command_line.training import launch
 from locomotion.config import conf_dir
 from locomotion.runs import RunError, is_finished, record
 
@@ -31,7 +31,7 @@ def refused(monkeypatch, capsys, *arguments):
     """The line with which a command is refused before its first job."""
     monkeypatch.setattr(sys, "argv", ["train", *arguments])
     with pytest.raises(SystemExit) as ended:
-        cli.launch(lambda config, folder: pytest.fail("the job was started"))
+        launch(lambda config, folder: pytest.fail("the job was started"))
     printed = capsys.readouterr()
     assert ended.value.code == 2
     assert printed.out == ""
@@ -148,7 +148,7 @@ def test_the_lists_of_an_experiment_are_checked_too(monkeypatch, capsys, tmp_pat
 def test_a_missing_launcher_is_named(tmp_path):
     code = (
         "import sys; sys.modules['hydra_plugins'] = None; sys.argv = ['train', '+experiment=ablation'];"
-        "from locomotion import cli; cli.launch(print)"
+        "from locomotion.command_line.training import launch; launch(print)"
     )
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path

@@ -10,9 +10,9 @@ import pytest
 from omegaconf import OmegaConf
 
 from locomotion.assembly import make_env, make_policy
-from locomotion.checkpoints import Checkpoints
-from locomotion.composing import compose
+from locomotion.command_line.composing import compose
 from locomotion.config import Config, load, typed
+from locomotion.runs.checkpoints import Checkpoints
 
 ROOT = Path(__file__).parents[1]
 SMALL = ["env.num_envs=3", "ppo.steps=4", "ppo.minibatch_size=6", "ppo.iterations=2"]
@@ -125,9 +125,9 @@ def test_a_wheel_carries_configuration_and_policies(tmp_path):
     zipfile.ZipFile(wheel).extractall(tmp_path / "site")
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r});"
-        "from locomotion.composing import compose; from locomotion.config import conf_dir;"
+        "from locomotion.command_line.composing import compose; from locomotion.config import conf_dir;"
         "from locomotion.plots import REPORT, read_csv;"
-        "from locomotion.commands import POLICIES, shipped; from locomotion.runs import read_config;"
+        "from locomotion.command_line.policies import POLICIES, shipped; from locomotion.runs import read_config;"
         "print(conf_dir(), compose('robot=ant').robot.name, len(read_csv(REPORT)));"
         "print(*shipped(), read_config(POLICIES / 'gecko')['robot']['name']);"
         "print(*POLICIES.glob('*/checkpoints/*.ckpt'))"

@@ -12,8 +12,8 @@ from benchmarks.kill_and_resume import outcome
 from locomotion import train as training
 from locomotion.agents import PPO, make_critic
 from locomotion.assembly import make_env, policy_keys
-from locomotion.commands import POLICIES
-from locomotion.composing import amend, compose, parse
+from locomotion.command_line.composing import amend, compose, parse
+from locomotion.command_line.policies import POLICIES
 from locomotion.config import Config, ConfigError, load, typed
 from locomotion.envs import LocomotionEnv
 from locomotion.gaits import load_policy

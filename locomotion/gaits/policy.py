@@ -8,9 +8,9 @@ from torchrl.envs import TransformedEnv
 from torchrl.modules import ProbabilisticActor
 
 from locomotion.assembly import make_policy
-from locomotion.checkpoints import Checkpoints
 from locomotion.config import Config
 from locomotion.runs import RunError
+from locomotion.runs.checkpoints import Checkpoints
 
 
 def load_policy(run: Path, config: Config, env: TransformedEnv) -> ProbabilisticActor:

@@ -29,6 +29,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
+from locomotion.command_line.help import help_template
 from locomotion.config import (
     GROUPS,
     Config,
@@ -41,7 +42,6 @@ from locomotion.config import (
     load,
     typed,
 )
-from locomotion.usage import help_template
 
 #: What of Hydra's own part may be set. The rest names what Hydra calls, what logging opens and what a
 #: process is told by its environment, and a configuration may come from a stranger.

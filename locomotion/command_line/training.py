@@ -10,10 +10,9 @@ import argparse
 import re
 import signal
 import sys
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import hydra
 from filelock import FileLock, Timeout
@@ -21,7 +20,8 @@ from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from locomotion.composing import amend, compose_job, parse, register, split_sweep
+from locomotion.command_line.composing import amend, compose_job, parse, register, split_sweep
+from locomotion.command_line.refusal import refuse, require_writable
 from locomotion.config import Config, ConfigError, conf_dir, typed
 from locomotion.runs import (
     RunError,
@@ -153,16 +153,6 @@ def _check(arguments: argparse.Namespace) -> None:
             is_finished(folder, config)
 
 
-def require_writable(folder: Path) -> None:
-    """Raises a :class:`RunError` if nothing can be written to a folder, which need not exist yet."""
-    try:
-        there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-        with tempfile.TemporaryFile(dir=there):
-            pass
-    except OSError as error:
-        raise RunError(f"{folder} cannot be written: {error.strerror}") from error
-
-
 def _run(
     job: Job, config: Config, folder: Path, files: Mapping[str, Any], resumed: bool = False
 ) -> None:
@@ -194,9 +184,3 @@ def _run(
             f" ppo.steps={config.ppo.steps} each",
             status=1,
         )
-
-
-def refuse(message: str, status: int = 2) -> NoReturn:
-    """Ends the process with one line on standard error."""
-    print(f"error: {message}", file=sys.stderr)
-    sys.exit(status)

@@ -17,8 +17,8 @@ from typing import Any, TypeVar
 import yaml
 from omegaconf import OmegaConf
 
-from locomotion.cli import refuse, require_writable
-from locomotion.composing import amend, parse, register
+from locomotion.command_line.composing import amend, parse, register
+from locomotion.command_line.refusal import refuse, require_writable
 from locomotion.config import (
     GROUPS,
     Config,
@@ -36,7 +36,7 @@ T = TypeVar("T")
 
 #: Policies that come along, each the folder of a run that holds nothing but its configuration and a
 #: checkpoint of the actor.
-POLICIES = Path(__file__).with_name("data") / "policies"
+POLICIES = Path(__file__).resolve().parents[1] / "data" / "policies"
 
 #: Parts of the task that may be changed under a policy, beside the seed.
 _CHANGEABLE = {"env": EnvConfig, "physics": PhysicsConfig}

@@ -50,17 +50,19 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
     walker = make_walker(run, config, disturbances)
     walks = 2
     if options.reality_check:
-        walks += 1 + len(planned(config, disturbances))
+        walks += len(planned(config, disturbances))
     total = walks * max(1, round(options.seconds / walker.period))
-    found, checked = {}, []
+    measured, checked = {}, []
     # No bar without a terminal. It goes to standard error, apart from the result.
     with tqdm(total=total, desc=config.robot.name, unit="step", disable=None, leave=False) as bar:
         for sampled in (False, True):
             walked = walk(walker, options.seconds, sampled, effort=True, progress=bar.update)
-            found["sampled" if sampled else "mean_action"] = summarise(measure(walked))
+            measured["sampled" if sampled else "mean_action"] = measure(walked)
         walker.env.close()
         if options.reality_check:
-            checked = shares(run, config, disturbances, options.seconds, bar.update)
+            nominal = measured["mean_action"]["speed"]
+            checked = shares(run, config, disturbances, options.seconds, nominal, bar.update)
+    found = {how: summarise(values) for how, values in measured.items()}
     if options.json:
         print(json.dumps(_as_data(run, config, options, found, checked), indent=2))
     else:

@@ -156,7 +156,7 @@ def _film(config: Config, folder: Path, logger: RunLogger, frames: int) -> None:
     In a process of its own, as drawing depends on what MuJoCo is told before it is imported.
     """
     film = folder / f"gait{logger.film_ending}"
-    options = [f"seconds={config.logger.video_seconds}", "width=480", "height=270"]
+    options = [f"seconds={config.logger.video_seconds}", "width=480", "height=270", "fps=10"]
     command = [sys.executable, "-m", "locomotion.watch"]
     paths = [f"{key}={json.dumps(str(path))}" for key, path in (("run", folder), ("output", film))]
     watched = subprocess.run([*command, *paths, *options], capture_output=True, text=True)

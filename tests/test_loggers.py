@@ -40,7 +40,7 @@ def test_tensorboard_has_curves_configuration_and_film(tmp_path):
     assert b"seed: 5\n" in text.tensor_proto.string_val[0]
     (film,) = events.Images("gait")
     with Image.open(io.BytesIO(film.encoded_image_string)) as picture:
-        assert (picture.format, picture.n_frames, film.step) == ("GIF", 7, 24)
+        assert (picture.format, picture.n_frames, film.step) == ("GIF", 5, 24)
 
 
 @needs_graphics

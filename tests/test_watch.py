@@ -49,6 +49,21 @@ def test_a_film_shows_the_robot_its_path_and_a_caption(tmp_path):
     assert (tmp_path / "gecko.webp").stat().st_size < 500_000
 
 
+@pytest.mark.skipif(not has_graphics(), reason="no OpenGL; apt install libegl1 libgl1-mesa-dri")
+@pytest.mark.parametrize("ending", ["webp", "gif"])
+def test_a_moving_picture_alone_is_as_large_and_as_fluent_as_asked_for(tmp_path, ending):
+    options = ["seconds=1", "width=128", "height=96", "fps=20", f"output=gait.{ending}"]
+    result = watch(*options, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == [f"gait.{ending}"]
+    with Image.open(tmp_path / f"gait.{ending}") as picture:
+        assert picture.size == (128, 96)
+        assert picture.n_frames == 20
+        picture.seek(19)
+        picture.load()
+        assert picture.info["duration"] == 50  # ms
+
+
 def test_without_opengl_the_line_names_the_package(tmp_path):
     code = (
         "import ctypes.util, sys; ctypes.util.find_library = lambda name: None;"

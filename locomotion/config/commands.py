@@ -34,7 +34,9 @@ class WatchConfig(WalkConfig):
     sampled: bool = key("actions drawn as in training, in place of their mean")
     live: bool = key("in MuJoCo's viewer, as it walks, in place of a film")
     web: bool = key("a page that plays the gait in a browser, in place of a film")
-    output: str | None = key("file to write; null: ROBOT.mp4 with ROBOT.webp, or ROBOT.html")
+    output: str | None = key(
+        "file to write, .mp4, .webp, .gif or .html; null: ROBOT.mp4 and a small ROBOT.webp, or ROBOT.html"
+    )
     width: int = key("of the film, pixels", least=64, most=7680)
     height: int = key("of the film, pixels", least=64, most=4320)
     fps: int = key("frames a second", least=1, most=1000)
@@ -48,6 +50,8 @@ class WatchConfig(WalkConfig):
         endings = (".html",) if self.web else (".mp4", ".webp", ".gif")
         if self.output is not None and not self.output.endswith(endings):
             self._refuse("output", self.output, f"a file that ends in {' or '.join(endings)}")
+        if self.output is not None and self.output.endswith(".gif") and self.fps > 50:
+            self._refuse("fps", self.fps, "at most 50 with a .gif, which has no shorter pictures")
         if self.width % 2 or self.height % 2:
             self._refuse("width", f"{self.width} height={self.height}", "even, as films have it")
 

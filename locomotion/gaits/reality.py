@@ -73,6 +73,7 @@ def shares(
     config: Config,
     disturbances: Disturbances,
     seconds: float,
+    nominal: torch.Tensor,
     progress: Callable[[], object] = lambda: None,
 ) -> list[Share]:
     """Walks under each change of :func:`planned`, one at a time, with the policy's mean action.
@@ -85,13 +86,16 @@ def shares(
         config: the nominal task.
         disturbances: the nominal ones.
         seconds: how long each walk takes.
+        nominal: speed of each robot without a change (m/s), shape ``(num_envs,)``; nan if it diverged.
         progress: called after each control step.
     """
-    plan = planned(config, disturbances)
-    nominal = _speeds(run, config, disturbances, seconds, progress)[0]
+    nominal = nominal.nan_to_num(0.0)
     found = []
-    for change, changed, disturbed, override in plan:
-        speeds, diverged = _speeds(run, changed, disturbed, seconds, progress)
+    for change, changed, disturbed, override in planned(config, disturbances):
+        walker = make_walker(run, changed, disturbed)
+        values = measure(walk(walker, seconds, progress=progress))
+        walker.env.close()
+        speeds, diverged = values["speed"].nan_to_num(0.0), values["diverged"].mean().item()
         share = _ratio(speeds, nominal)
         found.append(Share(change.what, override, speeds.mean().item(), share, diverged))
     return found
@@ -123,20 +127,6 @@ def planned(
         else:
             plan.append((change, config, part, override))
     return plan
-
-
-def _speeds(
-    run: Path,
-    config: Config,
-    disturbances: Disturbances,
-    seconds: float,
-    progress: Callable[[], object],
-) -> tuple[torch.Tensor, float]:
-    """The speed of each robot (m/s), and the share of those that diverged."""
-    walker = make_walker(run, config, disturbances)
-    values = measure(walk(walker, seconds, progress=progress))
-    walker.env.close()
-    return values["speed"].nan_to_num(0.0), values["diverged"].mean().item()
 
 
 def _ratio(values: torch.Tensor, nominal: torch.Tensor) -> Interval:

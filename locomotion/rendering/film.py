@@ -22,8 +22,10 @@ from locomotion.writing import replacing
 _PATH_COLOUR = np.array([0.93, 0.35, 0.12, 1.0], np.float32)
 #: Room in the scene for the path; it is thinned to so many pieces.
 _MOST_PIECES = 400
-#: The small moving picture: pictures a second, width in pixels, colours lost.
-_SMALL_FPS, _SMALL_WIDTH, _SMALL_QUALITY = 12.5, 480, 55
+#: The small moving picture beside a film: its first seconds, pictures a second, width in pixels.
+_SMALL_SECONDS, _SMALL_FPS, _SMALL_WIDTH = 10.0, 12.5, 480
+#: Of moving pictures.
+_QUALITY = 55
 
 
 def draw(motion: Motion, width: int, height: int) -> Iterator[np.ndarray]:
@@ -75,8 +77,8 @@ def write_film(
     height: int,
     progress: Callable[[], object] = lambda: None,
 ) -> list[Path]:
-    """Writes a film: ``.mp4``, with a small ``.webp`` of the same name beside it, or one of ``.webp``
-    and ``.gif`` alone.
+    """Writes a film: ``.mp4``, with a small ``.webp`` of its first seconds beside it under the same
+    name, or a ``.webp`` or ``.gif`` alone.
 
     Args:
         motion: what to show.
@@ -97,33 +99,36 @@ def write_film(
             yield picture
             progress()
 
+    if path.suffix != ".mp4":
+        _animate(path, [Image.fromarray(picture) for picture in drawn()], motion.fps)
+        return [path]
+
     every = max(1, round(motion.fps / _SMALL_FPS))
     small: list[Image.Image] = []
 
     def keep(number: int, picture: np.ndarray) -> None:
-        if number % every == 0:
+        if number % every == 0 and number < _SMALL_SECONDS * motion.fps:
             size = (_SMALL_WIDTH, round(_SMALL_WIDTH * height / width))
             small.append(Image.fromarray(picture).resize(size, Image.Resampling.LANCZOS))
 
-    files = [path]
-    if path.suffix == ".mp4":
-        with replacing(path) as partial:
-            _encode(partial, motion.fps, width, height, drawn(), keep)
-        files.append(path.with_suffix(".webp"))
-    else:
-        for number, picture in enumerate(drawn()):
-            keep(number, picture)
-    with replacing(files[-1]) as partial:
-        small[0].save(
+    with replacing(path) as partial:
+        _encode(partial, motion.fps, width, height, drawn(), keep)
+    beside = path.with_suffix(".webp")
+    _animate(beside, small, motion.fps / every)
+    return [path, beside]
+
+
+def _animate(path: Path, pictures: list[Image.Image], fps: float) -> None:
+    with replacing(path) as partial:
+        pictures[0].save(
             partial,
             save_all=True,
-            append_images=small[1:],
-            duration=round(1000 * every / motion.fps),
+            append_images=pictures[1:],
+            duration=round(1000 / fps),
             loop=0,
-            quality=_SMALL_QUALITY,
+            quality=_QUALITY,
             method=4,
         )
-    return files
 
 
 def _encode(

@@ -20,7 +20,6 @@ from locomotion.agents import PPO, make_critic
 from locomotion.assembly import make_env, make_policy, policy_keys
 from locomotion.command_line.composing import compose
 from locomotion.envs import WalkAway
-from locomotion.envs.task import TARGET_LIMIT
 from locomotion.train import make_collector
 
 if TYPE_CHECKING:
@@ -93,7 +92,8 @@ class Training:
 
     def controls(self, batch: TensorDictBase) -> np.ndarray:
         """What a batch's actions were to MuJoCo, shape ``(steps, num_envs, substeps, nu)``."""
-        actions = batch["action"].clamp(-TARGET_LIMIT, TARGET_LIMIT).to(torch.float64)
+        limits = self.env.action_spec.space
+        actions = batch["action"].clamp(limits.low[:, None], limits.high[:, None]).to(torch.float64)
         return actions.transpose(0, 1)[:, :, None].repeat(1, 1, self.substeps, 1).numpy()
 
     def close(self) -> None:

@@ -3,7 +3,6 @@
 ``python -m benchmarks.variations NAME,... ARGUMENT ...`` takes, after the names of what to vary, what
 ``python -m locomotion.train`` takes:
 
-- ``clip``: hinge targets are clipped to 0.8 rad in place of 1, as in the report's own runs;
 - ``targets``: value targets are scaled to [0, 1] between the least and the greatest of each minibatch, as
   in the report's own runs;
 - ``scale``: positions are divided by the root of how many are shown, so that a history weighs no more than
@@ -23,11 +22,8 @@ from tensordict import TensorDict, TensorDictBase
 from locomotion import agents, assembly
 from locomotion.agents import PPO
 from locomotion.command_line.training import launch
-from locomotion.envs import environment, task
 from locomotion.train import train
 from locomotion.transforms import HingeHistory
-
-REPORTED_LIMIT = 0.8
 
 
 class ScaledTargets(PPO):
@@ -65,10 +61,6 @@ class Differences(HingeHistory):
             out[..., n : 2 * n] = value - history[..., :n]
 
 
-def clip() -> None:
-    environment.TARGET_LIMIT = task.TARGET_LIMIT = REPORTED_LIMIT
-
-
 def targets() -> None:
     agents.PPO = ScaledTargets
 
@@ -81,7 +73,7 @@ def differences() -> None:
     assembly.HingeHistory = Differences
 
 
-VARIATIONS = {vary.__name__: vary for vary in (clip, targets, scale, differences)}
+VARIATIONS = {vary.__name__: vary for vary in (targets, scale, differences)}
 
 
 if __name__ == "__main__":

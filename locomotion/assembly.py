@@ -25,6 +25,7 @@ def make_env(config: Config) -> TransformedEnv:
         control_frequency=config.env.control_frequency,
         settle_time=config.env.settle_time,
         time_limit=config.env.time_limit,
+        target_limit=config.env.target_limit,
         observations=observations,
         seed=config.seed,
     )

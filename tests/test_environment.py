@@ -104,19 +104,26 @@ def test_without_settling_robots_start_straight_and_at_rest():
     np.testing.assert_array_equal(td["core_position"][0], reference.physics.data.qpos[:3])
 
 
-def test_actions_are_clipped_inside_and_left_alone_outside():
-    env = LocomotionEnv("gecko", 2, seed=0)
+@pytest.mark.parametrize("limit", [1.0, 0.4])
+def test_actions_are_clipped_inside_and_left_alone_outside(limit):
+    env = LocomotionEnv("gecko", 2, seed=0, target_limit=limit)
+    assert (env.action_spec.space.high == limit).all()
+    spec = composer.Environment(env.task).action_spec()
+    assert (spec.maximum == limit).all() and (spec.minimum == -limit).all()
     env.reset()
     qpos, qvel = env._physics.qpos[:1].clone(), env._physics.qvel[:1].clone()
     td = env.fake_tensordict()
     reached = []
-    for target in (1.0, 7.0):
+    for target in (limit, 7.0):
         env.set_state(qpos, qvel)
         td["action"] = torch.full((2, 6), target)
         after = env.step(td)
         assert (after["action"] == target).all()
         reached.append(after["next", "hinge_position"])
     assert torch.equal(*reached)
+    td["action"] = torch.full((2, 6), 0.9 * limit)
+    env.set_state(qpos, qvel)
+    assert not torch.equal(env.step(td)["next", "hinge_position"], reached[0])
 
 
 def test_same_seed_same_rollout_whatever_the_threads():

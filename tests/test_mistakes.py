@@ -71,6 +71,7 @@ def refusal(arguments, monkeypatch, capsys):
         (["env.num_envs=-1"], "env.num_envs=-1 must be at least 1"),
         (["env.num_envs=10000000"], "env.num_envs=10000000 must be at least 1 and at most 1e+06"),
         (["env.num_envs=1000000", "ppo.steps=1000"], "must be at most 134217728 frames in an"),
+        (["env.target_limit=1.1"], "env.target_limit=1.1 must be above 0 and at most 1.0472"),
         (["env.time_limit=nan"], "env.time_limit=nan must be above 0"),
         (["env.time_limit=0.1"], "env.time_limit=0.1 must be at least 0.25, one action"),
         (["env.settle_time=-1"], "env.settle_time=-1.0 must be at least 0"),

@@ -145,6 +145,12 @@ class EnvConfig(Checked):
         above=0,
         most=1_000_000_000,
     )
+    target_limit: float = key(
+        "how far (rad) a hinge can be sent to either side; what is further is clipped",
+        above=0,
+        most=1.0471975511965976,  # a third of pi, where the hinges end
+        before=1.0,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

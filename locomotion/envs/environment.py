@@ -24,7 +24,7 @@ from locomotion.config import (
     substeps,
     typed,
 )
-from locomotion.envs.task import TARGET_LIMIT, WalkAway
+from locomotion.envs.task import WalkAway
 from locomotion.physics import Physics, make_physics
 from locomotion.robots import ModularRobot
 
@@ -63,9 +63,10 @@ class LocomotionEnv(EnvBase):
     The reward is ``d(t) - d(t - 1)`` with ``d`` the horizontal distance (m) of the core from its
     place when the episode began. Episodes do not end unless ``time_limit`` is given or the simulation
     diverges; then the step is ``terminated``, its reward 0, and its last observation the one before.
-    Each episode begins with hinge targets drawn from U(-1, 1) rad and a while to settle.
+    Each episode begins with hinge targets drawn from U(-l, l) and a while to settle, ``l`` being
+    ``target_limit``.
 
-    The action is the hinges' targets (rad), clipped to [-1, 1] inside, in the order of
+    The action is the hinges' targets (rad), clipped to [-l, l] inside, in the order of
     :attr:`hinge_names`. Beside reward and done flags the environment writes
 
     ==================== ================== ======= =============================================
@@ -86,6 +87,7 @@ class LocomotionEnv(EnvBase):
         control_frequency: actions a second (Hz).
         settle_time: how long robots settle before an episode (s).
         time_limit: length of an episode (s), truncated then; ``None`` for a continuing task.
+        target_limit: how far hinges can be sent to either side (rad).
         observations: which of the four entries to write; what is left out costs nothing.
         seed: of the random targets at the start; ``None`` draws one from torch's generator.
 
@@ -105,10 +107,11 @@ class LocomotionEnv(EnvBase):
         control_frequency: float = 4.0,
         settle_time: float = 0.5,
         time_limit: float | None = None,
+        target_limit: float = 1.0,
         observations: Sequence[str] = tuple(OBSERVATIONS),
         seed: int | None = None,
     ) -> None:
-        task = EnvConfig(num_envs, control_frequency, settle_time, time_limit)
+        task = EnvConfig(num_envs, control_frequency, settle_time, time_limit, target_limit)
         if not isinstance(physics, PhysicsConfig):
             physics = _physics_config(physics or {})
         # On the CPU TorchRL need not be told: it would look at every tensor for nothing.
@@ -117,6 +120,7 @@ class LocomotionEnv(EnvBase):
         )
         robot = _robot_config(robot)
         self._substeps = substeps(control_frequency, physics.timestep)
+        self._target_limit = target_limit
         self._settle_steps = round(settle_time / physics.timestep)
         self._step_limit = task.step_limit
         self._task = WalkAway(
@@ -135,6 +139,7 @@ class LocomotionEnv(EnvBase):
             settle_time=settle_time,
             friction=physics.friction,
             self_collision=physics.self_collision,
+            target_limit=target_limit,
         )
         self._physics = make_physics(_compile(self._task), num_envs, physics)
         at = self._physics.device
@@ -151,8 +156,8 @@ class LocomotionEnv(EnvBase):
         batch = (num_envs,)
         device = self.device
         self.action_spec = Bounded(
-            -TARGET_LIMIT,
-            TARGET_LIMIT,
+            -self._target_limit,
+            self._target_limit,
             shape=(num_envs, num_hinges),
             dtype=torch.float32,
             device=device,
@@ -206,7 +211,7 @@ class LocomotionEnv(EnvBase):
         rows = slice(None) if where is None else where
         # Targets are drawn for all robots, so that a partial reset uses up as much randomness.
         targets = torch.empty(self.action_spec.shape, dtype=torch.float64)
-        targets.uniform_(-TARGET_LIMIT, TARGET_LIMIT, generator=self._generator)
+        targets.uniform_(-self._target_limit, self._target_limit, generator=self._generator)
         targets = targets.to(self._physics.device)
         self._physics.reset(where)
         self._note(self._physics.step(targets, self._settle_steps, where), targets)

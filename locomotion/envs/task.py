@@ -10,9 +10,6 @@ from dm_env import specs
 from locomotion.envs.ground import Ground
 from locomotion.robots import ModularRobot
 
-#: Hinge targets are clipped to this many radians to either side.
-TARGET_LIMIT = 1.0
-
 
 class WalkAway(composer.Task):
     """Walk away from the start: the reward is the distance from it gained in a control step.
@@ -29,6 +26,7 @@ class WalkAway(composer.Task):
         friction: sliding friction of the ground.
         self_collision: whether the robot's modules collide with one another; those on both sides of
             a hinge never do.
+        target_limit: hinge targets are clipped to so much to either side (rad).
     """
 
     def __init__(
@@ -39,8 +37,10 @@ class WalkAway(composer.Task):
         settle_time: float = 0.5,
         friction: float = 1.0,
         self_collision: bool = False,
+        target_limit: float = 1.0,
     ) -> None:
         self._robot = robot
+        self._target_limit = target_limit
         self._settle_time = settle_time
         self._arena = Ground(friction=friction)
         frame = self._arena.add_free_entity(robot)
@@ -49,7 +49,7 @@ class WalkAway(composer.Task):
         if self_collision:
             self._collide_with_itself()
         for actuator in robot.actuators:
-            actuator.ctrlrange = (-TARGET_LIMIT, TARGET_LIMIT)  # MuJoCo clips the targets
+            actuator.ctrlrange = (-target_limit, target_limit)  # MuJoCo clips the targets
         option = self._arena.mjcf_model.option
         option.integrator = "implicitfast"
         option.flag.island = "disable"  # one robot is one island
@@ -98,14 +98,14 @@ class WalkAway(composer.Task):
 
     def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
         """Targets of all hinges (rad), in the order of ``robot.hinges``."""
-        return specs.BoundedArray(
-            (len(self._robot.hinges),), np.float64, -TARGET_LIMIT, TARGET_LIMIT, name="hinge_target"
-        )
+        limit, shape = self._target_limit, (len(self._robot.hinges),)
+        return specs.BoundedArray(shape, np.float64, -limit, limit, name="hinge_target")
 
     def initialize_episode(
         self, physics: mjcf.Physics, random_state: np.random.RandomState
     ) -> None:
-        targets = random_state.uniform(-TARGET_LIMIT, TARGET_LIMIT, len(self._robot.hinges))
+        limit = self._target_limit
+        targets = random_state.uniform(-limit, limit, len(self._robot.hinges))
         physics.bind(self._robot.actuators).ctrl = targets
         for _ in range(round(self._settle_time / self.physics_timestep)):
             physics.step()

@@ -7,7 +7,6 @@ from torch import nn
 from torchrl.envs import TransformedEnv
 from torchrl.modules import ProbabilisticActor
 
-from locomotion.envs.task import TARGET_LIMIT
 from locomotion.transforms import HingeHistory, IncludeOrientation
 
 
@@ -31,6 +30,7 @@ class Controller(nn.Module):
             (part for part in env.transform if isinstance(part, IncludeOrientation)), None
         )
         (history,) = (part for part in env.transform if isinstance(part, HingeHistory))
+        self._limit = env.action_spec.space.high.max().item()
         self.num_hinges = env.action_spec.shape[-1]
         self.history_length = (history.steps - 1) * self.num_hinges
         self.needs_orientation = self._orientation is not None
@@ -57,5 +57,5 @@ class Controller(nn.Module):
         observations = [positions]
         if core_orientation is not None and self._orientation is not None:
             observations.append(self._orientation._apply_transform(core_orientation))
-        targets = self._net(observations).clamp(-TARGET_LIMIT, TARGET_LIMIT)
+        targets = self._net(observations).clamp(-self._limit, self._limit)
         return targets, positions[: self.history_length].clone()

@@ -1,7 +1,8 @@
 """Whether a history of hinge positions helps under other settings than the report's.
 
 ``python -m benchmarks.history SWEEP ...`` takes folders of sweeps, each named by what is different in it,
-with runs of ``hinges_orientation`` and ``history3``. It keeps their curves as ``history/NAME.csv`` below
+with runs of ``hinges_orientation`` and ``history3``, or of the latter alone where the former would be as
+with the report's settings. It keeps their curves as ``history/NAME.csv`` below
 ``benchmarks/results``, and writes ``history.md`` from all that are there beside ``curves.csv``. Without a
 folder it writes that again.
 """
@@ -17,51 +18,65 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.ablation import collect
-from benchmarks.claims import ABOVE_4, FINAL, WHOLE, Measure
+from benchmarks.claims import ABOVE_4, ABOVE_8, FINAL, WHOLE, Measure
 from locomotion.plots import Curve, read_csv, write_csv
 from locomotion.runs import RunError
 from locomotion.writing import replacing
 
 RESULTS = Path(__file__).with_name("results")
 WITHOUT, WITH = "hinges_orientation", "history3"
-HEAD = [
-    "setting",
-    "robot",
-    "seeds",
-    "measure",
-    "one position",
-    "three positions",
-    "difference",
-    "p",
-]
+HEADS = {
+    "What three positions change": ("one position", "three positions"),
+    "What the setting changes": ("as in the report", "with the setting"),
+}
 
 
-def compare(setting: str, curves: Sequence[Curve]) -> list[list[str]]:
-    """What three positions change against one, a row for each robot and measure."""
+def history_changes(
+    setting: str, curves: Sequence[Curve], usual: Sequence[Curve]
+) -> list[list[str]]:
+    """Three positions against one, a row for each robot and measure."""
     rows = []
     for robot in dict.fromkeys(curve.robot for curve in curves):
-        groups = [
-            [curve for curve in curves if (curve.robot, curve.observations) == (robot, name)]
-            for name in (WITHOUT, WITH)
-        ]
-        seeds = " and ".join(dict.fromkeys(str(len(group)) for group in groups))
-        for measure in (FINAL, WHOLE, ABOVE_4):
-            values = [measure.over(group) for group in groups]
-            shown = [measure.show(value) for value in values]
-            rows.append(
-                [setting, robot, seeds, measure.name, *shown, *_difference(measure, *values)]
-            )
+        without = _chosen(curves, robot, WITHOUT) or _chosen(usual, robot, WITHOUT)
+        with_ = _chosen(curves, robot, WITH)
+        if with_:
+            rows += _rows([setting, robot], without, with_)
     return rows
 
 
-def _difference(measure: Measure, without: np.ndarray, with_: np.ndarray) -> tuple[str, str]:
+def setting_changes(
+    setting: str, curves: Sequence[Curve], usual: Sequence[Curve]
+) -> list[list[str]]:
+    """A setting against the report's, a row for each robot, observations and measure."""
+    rows = []
+    for robot, name in dict.fromkeys((curve.robot, curve.observations) for curve in curves):
+        groups = [_chosen(some, robot, name) for some in (usual, curves)]
+        rows += _rows([f"{setting}, {name}", robot], *groups)
+    return rows
+
+
+def _chosen(curves: Sequence[Curve], robot: str, observations: str) -> list[Curve]:
+    return [curve for curve in curves if (curve.robot, curve.observations) == (robot, observations)]
+
+
+def _rows(start: list[str], before: Sequence[Curve], after: Sequence[Curve]) -> list[list[str]]:
+    seeds = " and ".join(dict.fromkeys(str(len(group)) for group in (before, after)))
+    rows = []
+    for measure in (FINAL, WHOLE, ABOVE_4, ABOVE_8):
+        values = [measure.over(group) for group in (before, after)]
+        shown = [measure.show(value) for value in values]
+        rows.append([*start, seeds, measure.name, *shown, *_difference(measure, *values)])
+    return rows
+
+
+def _difference(measure: Measure, before: np.ndarray, after: np.ndarray) -> tuple[str, str]:
     """By Welch's t, with its 95% interval, and the two-sided p."""
-    if min(len(without), len(with_)) < 2 or not np.isfinite([*without, *with_]).all():
+    if min(len(before), len(after)) < 2 or not np.isfinite([*before, *after]).all():
         return "", ""
-    test = stats.ttest_ind(with_, without, equal_var=False)
+    test = stats.ttest_ind(after, before, equal_var=False)
     low, high = test.confidence_interval(0.95)
-    shown = measure.interval(with_.mean() - without.mean(), low, high, sign="+")
-    return shown, f"{test.pvalue:.3f}"
+    shown = measure.interval(after.mean() - before.mean(), low, high, sign="+")
+    return shown, f"{test.pvalue:.3f}" if test.pvalue >= 0.001 else "< 0.001"
 
 
 def main() -> None:
@@ -72,14 +87,22 @@ def main() -> None:
         for sweep in parser.parse_args().sweeps:
             folder.mkdir(exist_ok=True)
             write_csv(folder / f"{sweep.resolve().name}.csv", collect([sweep]))
-        rows = compare("as in the report", read_csv(RESULTS / "curves.csv"))
-        for file in sorted(folder.glob("*.csv")):
-            rows += compare(file.stem, read_csv(file))
+        usual = read_csv(RESULTS / "curves.csv")
+        settings = {file.stem: read_csv(file) for file in sorted(folder.glob("*.csv"))}
     except (RunError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    lines = [f"| {' | '.join(cells)} |" for cells in (HEAD, ["---"] * len(HEAD), *rows)]
-    text = "\n".join(["<!-- Written by python -m benchmarks.history. -->", "", *lines, ""])
+    history = history_changes("as in the report", usual, usual)
+    setting = []
+    for name, curves in settings.items():
+        history += history_changes(name, curves, usual)
+        setting += setting_changes(name, curves, usual)
+    lines = ["<!-- Written by python -m benchmarks.history. -->"]
+    for (title, groups), rows in zip(HEADS.items(), (history, setting)):
+        head = ["setting", "robot", "seeds", "measure", *groups, "difference", "p"]
+        table = [head, ["---"] * len(head), *rows]
+        lines += ["", f"## {title}", "", *(f"| {' | '.join(cells)} |" for cells in table)]
+    text = "\n".join([*lines, ""])
     with replacing(RESULTS / "history.md") as partial:
         partial.write_text(text)
     print(text, end="")

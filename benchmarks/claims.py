@@ -141,7 +141,7 @@ def _numbers(ours: Runs, theirs: Runs) -> list[str]:
     heads = ["robot", "observations", "seeds"]
     for measure in (FINAL, ABOVE_4, ABOVE_8):
         heads += [measure.name, "report"]
-    return _table(heads, rows)
+    return table(heads, rows)
 
 
 def _claims(ours: Runs, theirs: Runs) -> list[str]:
@@ -160,16 +160,20 @@ def _claims(ours: Runs, theirs: Runs) -> list[str]:
         known = measure.show(measure.over(theirs.get(setting, [])))
         against = "" if more is None else f", {'above' if more else 'below'} {bound:g}"
         subject = f"{robot}: {name}{against}"
-        return [subject, measure.name, measure.show(values), _p(p, more), known, shown]
+        return [
+            subject,
+            measure.name,
+            measure.show(values),
+            "" if more is None else show_p(p),
+            known,
+            shown,
+        ]
 
     def difference(
         one: Setting, other: Setting, measure: Measure, more: bool | None = None
     ) -> list[str]:
         a, b = (measure.over(ours.get(setting, [])) for setting in (one, other))
-        p, low, high = np.nan, np.nan, np.nan
-        if min(len(a), len(b)) > 1 and np.isfinite([*a, *b]).all():
-            test = stats.ttest_ind(a, b, equal_var=False)
-            p, (low, high) = test.pvalue, test.confidence_interval(0.95)
+        p, low, high = welch(a, b)
         known = (measure.over(theirs.get(setting, [])) for setting in (one, other))
         found = _difference(measure, a, b, low, high)
         report = _difference(measure, *known, np.nan, np.nan)
@@ -177,7 +181,7 @@ def _claims(ours: Runs, theirs: Runs) -> list[str]:
             subject = f"{one[0]}: {one[1]} minus {other[1]}"
         else:
             subject = f"{one[1]}: {one[0]} minus {other[0]}"
-        return [subject, measure.name, found, _p(p), report, _shown(low, high, more)]
+        return [subject, measure.name, found, show_p(p), report, _shown(low, high, more)]
 
     def needs_orientation(sensed: str, without: str) -> list[list[str]]:
         return [
@@ -215,8 +219,19 @@ def _claims(ours: Runs, theirs: Runs) -> list[str]:
     return [
         line
         for claim, rows in claims.items()
-        for line in ("", f"### {claim}", "", *_table(heads, rows))
+        for line in ("", f"### {claim}", "", *table(heads, rows))
     ]
+
+
+def welch(a: np.ndarray, b: np.ndarray) -> tuple[float, float, float]:
+    """Welch's t test of two groups of runs: two-sided p, and the 95% interval of the means' difference.
+
+    All nan where a group has fewer than two runs, or one that never reached what is measured.
+    """
+    if min(len(a), len(b)) < 2 or not np.isfinite([*a, *b]).all():
+        return np.nan, np.nan, np.nan
+    test = stats.ttest_ind(a, b, equal_var=False)
+    return test.pvalue, *test.confidence_interval(0.95)
 
 
 def _difference(measure: Measure, a: np.ndarray, b: np.ndarray, low: float, high: float) -> str:
@@ -237,11 +252,13 @@ def _shown(low: float, high: float, more: bool | None) -> str:
     return "yes" if (low > 0) == more else "no, the reverse"
 
 
-def _p(p: float, more: bool | None = True) -> str:
-    if more is None or np.isnan(p):
+def show_p(p: float) -> str:
+    """A p value; nothing for nan."""
+    if np.isnan(p):
         return ""
     return "<0.001" if p < 0.001 else f"{p:.3f}"
 
 
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """The lines of a Markdown table."""
     return [f"| {' | '.join(cells)} |" for cells in (heads, ["---"] * len(heads), *rows)]

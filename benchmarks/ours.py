@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import time
-import warnings
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
@@ -13,12 +12,12 @@ import mujoco.rollout
 import numpy as np
 import torch
 from tensordict import TensorDictBase
-from torchrl import torchrl_logger
 from torchrl.envs import TransformedEnv
 
 from locomotion.agents import PPO, make_critic
 from locomotion.assembly import make_env, make_policy, policy_keys
 from locomotion.command_line.composing import compose
+from locomotion.command_line.quiet import quiet
 from locomotion.envs import WalkAway
 from locomotion.train import make_collector
 
@@ -56,10 +55,7 @@ class Training:
             "ppo.iterations=1000",  # more batches than any measurement takes
             *overrides,
         )
-        torchrl_logger.setLevel("WARNING")
-        # dm-control asks for all such warnings, and TorchRL has some about parts of its own.
-        warnings.filterwarnings("ignore", "Creating .*WeightUpdaterBase is deprecated")
-        torch.set_num_threads(1)  # as training does
+        quiet()
         torch.manual_seed(config.seed)
         self.frames = frames
         self.env = make_env(config)

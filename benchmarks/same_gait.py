@@ -15,11 +15,11 @@ from pathlib import Path
 import torch
 
 from benchmarks.ours import plain_model
-from locomotion.assembly import make_env, make_policy
+from locomotion.assembly import make_env
 from locomotion.config import Config, ConfigError, typed
+from locomotion.gaits import load_policy
 from locomotion.physics import ThreadedPhysics
 from locomotion.runs import RunError, read_config
-from locomotion.runs.checkpoints import Checkpoints
 
 NUM_ENVS, STEPS, WARM_UP = 256, 400, 50
 
@@ -40,9 +40,7 @@ def walk(run: Path, config: Config, fused: bool | None) -> tuple[float, float]:
         inner = env.base_env
         model = plain_model(inner.task, fused)
         inner._physics = ThreadedPhysics(model, NUM_ENVS, config.physics.threads)
-    actor = make_policy(config, env)
-    if not Checkpoints(run, actor=actor).load_latest():
-        raise RunError(f"{run} holds no checkpoint")
+    actor = load_policy(run, config, env)
     with torch.no_grad():
         reward = env.rollout(STEPS, actor)["next", "reward"]
     speeds = reward[:, WARM_UP:].mean((1, 2))

@@ -14,6 +14,7 @@ from pathlib import Path
 from omegaconf import OmegaConf
 from tqdm import tqdm
 
+from benchmarks.claims import table
 from locomotion.command_line.quiet import quiet
 from locomotion.config import Config, ConfigError, typed
 from locomotion.gaits import Interval, make_walker, measure, summarise, walk
@@ -63,8 +64,7 @@ def main() -> None:
     except (ConfigError, RunError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    for cells in (HEAD, ["---"] * len(HEAD), *found):
-        print(f"| {' | '.join(cells)} |")
+    print(*table(HEAD, found), sep="\n")
 
 
 if __name__ == "__main__":

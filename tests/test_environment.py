@@ -249,11 +249,12 @@ def test_scales_multiply_masses_and_torques():
 def test_watching_every_physics_step_changes_nothing():
     watched, plain = (LocomotionEnv("ant", 3, seed=0) for _ in range(2))
     places = []
-    watched.add_after_substep(lambda physics: places.append(physics.qpos[:, :2].clone()))
     trajectories = []
-    for env in (watched, plain):
-        torch.manual_seed(0)
-        trajectories.append(env.rollout(6))
+    with watched.after_substep(lambda physics: places.append(physics.qpos[:, :2].clone())):
+        for env in (watched, plain):
+            torch.manual_seed(0)
+            trajectories.append(env.rollout(6))
+    watched.rollout(1)  # after the block nobody looks any more
     assert (trajectories[0] == trajectories[1]).all()
     assert len(places) == 6 * 25
     torch.testing.assert_close(places[24], trajectories[0]["next", "core_position"][:, 0, :2])

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -271,13 +272,18 @@ class LocomotionEnv(EnvBase):
             return (torch.zeros_like(late), late) if late.any() else None
         return diverged, late & ~diverged
 
-    def add_after_substep(self, hook: Callable[[Physics], None]) -> None:
-        """Has a function called after every physics step of a control step.
+    @contextlib.contextmanager
+    def after_substep(self, hook: Callable[[Physics], None]) -> Iterator[None]:
+        """Has a function called after every physics step of the control steps taken in the block.
 
         To see what happens between two observations: the physics steps come out as they would without,
         but are taken one at a time, which costs speed.
         """
         self._after_substep.append(hook)
+        try:
+            yield
+        finally:
+            self._after_substep.remove(hook)
 
     def _take_substeps(self, action: torch.Tensor) -> torch.Tensor | None:
         if not self._after_substep:

@@ -6,6 +6,7 @@ import collections
 import dataclasses
 import math
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -171,13 +172,15 @@ def walk(
     meter = _Effort(walker) if effort else None
     positions, orientations = [physics.qpos[:, :3].clone()], [physics.qpos[:, 3:7].clone()]
     diverged = torch.zeros(len(physics.qpos), dtype=torch.bool, device=physics.device)
-    for _ in range(steps):
-        diverged |= walker.step(sampled)
-        positions.append(physics.qpos[:, :3].clone())
-        orientations.append(physics.qpos[:, 3:7].clone())
-        if meter is not None:
-            meter.end_step()
-        progress()
+    watched = nullcontext() if meter is None else walker.env.base_env.after_substep(meter.add)
+    with watched:
+        for _ in range(steps):
+            diverged |= walker.step(sampled)
+            positions.append(physics.qpos[:, :3].clone())
+            orientations.append(physics.qpos[:, 3:7].clone())
+            if meter is not None:
+                meter.end_step()
+            progress()
     return Walk(
         walker.period,
         torch.stack(positions).cpu(),
@@ -207,12 +210,11 @@ class _Effort:
         self._limit = column(model.actuator_forcerange, 1)
         self._range = column(model.actuator_ctrlrange, 1)
         self._begin_step()
-        env.add_after_substep(self._add)
 
     def _begin_step(self) -> None:
         self._joules, self._turned = 0.0, 0.0 * self._upright
 
-    def _add(self, physics: Physics) -> None:
+    def add(self, physics: Physics) -> None:
         angle, speed = physics.qpos[:, 7:], physics.qvel[:, 6:]
         target = self._walker.action.double().clamp(-self._range, self._range)
         torque = self._gain * (target - angle) + self._damping * speed

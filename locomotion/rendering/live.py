@@ -52,9 +52,9 @@ def show_live(walker: Walker, seconds: float, sampled: bool = False) -> None:
             time.sleep(max(0.0, due - time.perf_counter()))
 
         walker.start()
-        env.add_after_substep(show)
-        while viewer.is_running() and data.time < seconds:
-            walker.step(sampled)
+        with env.after_substep(show):
+            while viewer.is_running() and data.time < seconds:
+                walker.step(sampled)
     # The viewer is told to close and does so in a thread of its own; a process that ends meanwhile crashes.
     for thread in {*threading.enumerate()} - threads:
         thread.join(timeout=10)

@@ -68,8 +68,8 @@ def record_motion(
     def note(physics: Physics) -> None:
         moments.append(physics.qpos[0].numpy(force=True).copy())
 
-    env.add_after_substep(note)
-    walk(walker, seconds, sampled, progress=progress)
+    with env.after_substep(note):
+        walk(walker, seconds, sampled, progress=progress)
     rate = 1 / env.model.opt.timestep
     fps = min(fps, rate)
     moments_of_pictures = np.arange(0, len(moments), rate / fps).astype(int)

@@ -30,9 +30,8 @@ def write_page(motion: Motion, path: Path, progress: Callable[[], object] = lamb
         path: where to.
         progress: called after each picture.
     """
-    with redirect_stdout(
-        io.StringIO()
-    ):  # viser says where it listens, but nobody needs to go there
+    # viser says where it listens, but nobody needs to go there.
+    with redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     try:
         server.initial_camera.position = (0.6, -1.0, 0.55)

@@ -64,6 +64,11 @@ def refusal(arguments, monkeypatch, capsys):
         (["ppo.iterations=0"], "ppo.iterations=0 must be at least 1"),
         (["ppo.minibatch_size=0"], "ppo.minibatch_size=0 must be at least 1"),
         (["ppo.minibatch_size=9000"], "ppo.minibatch_size=9000 must be at most the 8192 frames"),
+        (["ppo.cudagraphs=true"], "ppo.cudagraphs=True must be False with physics.device=cpu"),
+        (
+            ["physics=warp", "ppo.cudagraphs=true", "ppo.minibatch_size=5000"],
+            "ppo.minibatch_size=5000 must divide the 8192 frames",
+        ),
         (["ppo.actor_lr=0"], "ppo.actor_lr=0.0 must be above 0"),
         (["ppo.gamma=1.5"], "ppo.gamma=1.5 must be at least 0 and at most 1"),
         (["ppo.clip_epsilon=1"], "ppo.clip_epsilon=1.0 must be above 0 and at most 0.99"),

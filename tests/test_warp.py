@@ -257,6 +257,23 @@ def test_a_resumed_run_goes_on(device, tmp_path):
 
 
 @installed
+@gpu
+def test_a_captured_gradient_step_is_the_one_that_it_captured():
+    options = ("+obs=history3", "physics=warp", "ppo.minibatch_size=15")
+    batch, learned = None, []
+    for cudagraphs in (False, True):
+        config, actor, collector = collecting(*options, f"ppo.cudagraphs={cudagraphs}")
+        critic = make_critic(make_env(config).observation_spec, policy_keys(config)).to("cuda:0")
+        batch = next(iter(collector)) if batch is None else batch
+        ppo = PPO(actor, critic, 6, 60, config.ppo)
+        torch.manual_seed(0)  # the order of the minibatches
+        learned.append(torch.stack([ppo.update(batch.clone()) for _ in range(3)]))
+    eager, captured = learned
+    torch.testing.assert_close(captured["loss_critic"], eager["loss_critic"], rtol=1e-3, atol=0)
+    torch.testing.assert_close(captured["kl_approx"], eager["kl_approx"], rtol=1e-2, atol=1e-5)
+
+
+@installed
 def test_a_benchmark_without_its_gpu_says_so(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["gpu", "--device", "cuda:999"])
     benchmark.main()

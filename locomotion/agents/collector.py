@@ -105,7 +105,7 @@ class RolloutCollector(Collector):
 
         for key in self._keys:
             self._carrier[key] = rows[-1][key].clone()
-        reward[terminated.squeeze(-1)] = 0.0
+        reward.masked_fill_(terminated.squeeze(-1), 0.0)
         following = seen[1:]
         if last_seen:  # a step that ends an episode is not followed by the state of the next
             following = following.clone()

@@ -7,7 +7,8 @@ from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
-from tensordict.nn import TensorDictModuleBase
+from tensordict.nn import CudaGraphModule, TensorDictModuleBase
+from torch.distributions import Distribution
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.data.replay_buffers.samplers import SamplerWithoutReplacement
 from torchrl.modules import ProbabilisticActor
@@ -25,7 +26,8 @@ class PPO:
 
     Advantages are estimated with GAE and normalised in each minibatch; the entropy bonus is the
     mean over the hinges, as the report has it, where TorchRL's joint entropy is their sum.
-    Both learning rates fall linearly over the iterations, to 0 after the last.
+    Both learning rates fall linearly over the iterations, to 0 after the last. With
+    ``config.cudagraphs`` a gradient step is one captured CUDA graph.
 
     Args:
         actor: the policy.
@@ -50,7 +52,7 @@ class PPO:
             value_network=critic,
             average_gae=False,
         )
-        self.loss = ClipPPOLoss(
+        self.loss = _Loss(
             actor,
             critic,
             clip_epsilon=config.clip_epsilon,
@@ -66,6 +68,7 @@ class PPO:
                 {"params": list(critic.parameters()), "lr": config.critic_lr},
             ],
             fused=True,
+            capturable=config.cudagraphs,
         )
         self.schedule = torch.optim.lr_scheduler.LambdaLR(
             self.optimizer, lambda iteration: max(0.0, 1 - iteration / config.iterations)
@@ -74,6 +77,8 @@ class PPO:
             *actor.in_keys,
             *("action", "action_log_prob", "advantage", "value_target"),
         ]
+        self._cudagraphs = config.cudagraphs
+        self._begin_at(0)
         device = next(critic.parameters()).device
         self.buffer = ReplayBuffer(
             storage=_RowStorage(frames, device=device),
@@ -109,7 +114,17 @@ class PPO:
             _require_finite("a weight", *(parameter.sum() for parameter in group["params"]))
         return losses.mean(0)
 
-    def _step(self, minibatch: TensorDictBase) -> TensorDict:
+    def _begin_at(self, update: int) -> None:
+        """Sets the learning rates of an update, and what takes gradient steps from there on."""
+        self.schedule.last_epoch = update
+        schedule = zip(self.schedule.base_lrs, self.schedule.lr_lambdas, strict=True)
+        for group, (rate, factor) in zip(self.optimizer.param_groups, schedule, strict=True):
+            group["lr"] = rate * factor(update)
+            if self._cudagraphs:  # a graph reads the number where it was when it was captured
+                group["lr"] = torch.tensor(group["lr"], device=group["params"][0].device)
+        self._step = CudaGraphModule(self._learn, in_keys=[]) if self._cudagraphs else self._learn
+
+    def _learn(self, minibatch: TensorDictBase) -> TensorDict:
         losses = self.loss(minibatch)
         total = sum(losses[name] for name in LOSSES)
         self.optimizer.zero_grad()
@@ -129,10 +144,16 @@ class PPO:
         """Goes on from a state; learning rates are those of this schedule at that point."""
         self.optimizer.load_state_dict(state_dict["optimizer"])
         self.buffer.sampler.load_state_dict(state_dict["sampler"])
-        self.schedule.last_epoch = state_dict["updates"]
-        schedule = zip(self.schedule.base_lrs, self.schedule.lr_lambdas, strict=True)
-        for group, (rate, factor) in zip(self.optimizer.param_groups, schedule, strict=True):
-            group["lr"] = rate * factor(self.schedule.last_epoch)
+        self._begin_at(state_dict["updates"])
+
+
+class _Loss(ClipPPOLoss):
+    """TorchRL's loss, which never waits for a GPU."""
+
+    def _get_entropy(self, dist: Distribution, adv_shape: torch.Size) -> torch.Tensor:
+        # TorchRL's looks in every step whether it is finite, to sample it where it is not. A
+        # Gaussian's is, or else a weight is not, and PPO.update looks at those.
+        return dist.entropy().unsqueeze(-1)
 
 
 class _RowStorage(LazyTensorStorage):

@@ -258,6 +258,9 @@ class PPOConfig(Checked):
     entropy_coeff: float = key(
         "weight of the policy's entropy, averaged over the hinges", least=0, most=100
     )
+    cudagraphs: bool = key(
+        "whether a gradient step is one captured CUDA graph; needs a GPU", before=False
+    )
 
 
 @dataclasses.dataclass
@@ -309,6 +312,15 @@ class Config(Checked):
             raise ConfigError(
                 f"env.num_envs={self.env.num_envs} x ppo.steps={self.ppo.steps} must be at most"
                 f" {MOST_FRAMES} frames in an iteration"
+            )
+        if self.ppo.cudagraphs and self.physics.device == "cpu":
+            raise ConfigError(
+                "ppo.cudagraphs=True must be False with physics.device=cpu, as CUDA graphs need a GPU"
+            )
+        if self.ppo.cudagraphs and frames % self.ppo.minibatch_size:
+            raise ConfigError(
+                f"ppo.minibatch_size={self.ppo.minibatch_size} must divide the {frames} frames of an"
+                " iteration with ppo.cudagraphs=True, as all minibatches of a graph have one size"
             )
         if self.ppo.minibatch_size > frames:
             raise ConfigError(

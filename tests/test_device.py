@@ -1,0 +1,90 @@
+"""Training where a GPU would be: on a stand-in that refuses what a GPU refuses."""
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+pytest.importorskip("warp", reason="needs packages: pip install -e '.[warp]'")
+
+from stand_in import DEVICE, stand_in
+
+from benchmarks.kill_and_resume import outcome
+from locomotion import train as training
+from locomotion.agents import PPO, make_critic
+from locomotion.assembly import make_env, make_policy, policy_keys
+from locomotion.command_line.composing import compose
+from locomotion.runs import record
+
+SMALL = [
+    *("+obs=history3", "env.num_envs=4", "ppo.steps=8", "ppo.minibatch_size=16"),
+    *("ppo.iterations=4", "checkpoint_interval=2", "physics=warp", "physics.device=cpu"),
+]
+
+
+@pytest.fixture
+def crossings(monkeypatch):
+    with stand_in(monkeypatch) as counted:
+        yield counted
+
+
+def placed(*overrides, cudagraphs=False):
+    config = compose(*SMALL, *overrides)
+    # No configuration may say so, and with that device none of the second.
+    config.physics.device, config.ppo.cudagraphs = str(DEVICE), cudagraphs
+    return config
+
+
+def learner(config):
+    env = make_env(config)
+    actor = make_policy(config, env)
+    critic = make_critic(env.observation_spec, policy_keys(config)).to(config.physics.device)
+    collector = training.make_collector(config, env, actor)
+    return collector, PPO(actor, critic, 6, 32, config.ppo)
+
+
+def test_the_stand_in_refuses_and_counts(crossings):
+    there, here = torch.arange(3.0, device=DEVICE), torch.arange(3.0)
+    with pytest.raises(RuntimeError, match=r"add\.Tensor has tensors here and on lazy:0"):
+        there + here
+    assert (there + 1).device == DEVICE and not crossings
+    assert (there.cpu() + here).tolist() == [0, 2, 4]
+    assert crossings.total() == 1
+    there[there != 1] = 7.0
+    assert there.tolist() == [7, 1, 7] and there.sum().item() == 15
+    assert crossings.total() == 4
+
+
+@pytest.mark.filterwarnings("ignore:This module is instantiated on a machine without CUDA")
+@pytest.mark.parametrize(("time_limit", "cudagraphs"), [("null", False), ("1", True)])
+def test_a_run_and_its_resumption_stay_on_the_device(time_limit, cudagraphs, tmp_path, crossings):
+    config = placed(f"env.time_limit={time_limit}", cudagraphs=cudagraphs)
+    for name in ("whole", "resumed"):
+        (tmp_path / name).mkdir()
+        record(tmp_path / name, config=OmegaConf.structured(config))
+    training.train(config, tmp_path / "whole")
+    for part in ("checkpoints/000002.ckpt", "metrics.csv"):
+        (tmp_path / "resumed" / part).parent.mkdir(exist_ok=True)
+        (tmp_path / "resumed" / part).write_bytes((tmp_path / "whole" / part).read_bytes())
+    training.train(config, tmp_path / "resumed")
+    assert outcome(tmp_path / "resumed") == outcome(tmp_path / "whole")
+
+
+def test_a_control_step_waits_once_for_the_device(crossings):
+    collector, _ = learner(placed())
+    batches = iter(collector)
+    next(batches)
+    crossings.clear()
+    batch = next(batches)
+    assert batch["action"].shape == (4, 8, 6)
+    assert crossings == {"aten._to_copy.default": 8}  # who is wrong or crowded
+
+
+def test_a_gradient_step_never_waits_for_the_device(crossings):
+    collector, ppo = learner(placed())
+    batch, waits = next(iter(collector)), []
+    ppo.update(batch)  # makes room for batches
+    for ppo.epochs in (1, 5):
+        crossings.clear()
+        ppo.update(batch)
+        waits.append(crossings.total())
+    assert waits[0] == waits[1]

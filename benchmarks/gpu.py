@@ -47,6 +47,7 @@ class Effort:
         steps: control steps of each robot in a batch.
         robots: numbers of robots.
         rivals: robots stepped by two cores.
+        captured: robots with which gradient steps are timed as CUDA graphs, too.
         runs: whole runs: a name, and what is asked for on the command line.
     """
 
@@ -54,6 +55,7 @@ class Effort:
     steps: int
     robots: tuple[int, ...]
     rivals: int
+    captured: int
     runs: dict[str, tuple[str, ...]]
 
 
@@ -62,6 +64,7 @@ FULL = Effort(
     steps=16,
     robots=(64, 256, 1024, 4096, 16384, 65536),
     rivals=1024,
+    captured=4096,
     runs={
         "64 robots, the report's settings": ("+obs=history3", "physics=warp"),
         # 4,096 robots that take 400 control steps each.
@@ -77,6 +80,7 @@ QUICK = Effort(
     steps=2,
     robots=(4, 8),
     rivals=8,
+    captured=8,
     runs={
         "8 robots, little of a run": (
             "physics=warp",
@@ -137,6 +141,10 @@ def main() -> None:
             rows += _rows_of_size(num_envs, sizes[num_envs])
     if sizes:
         rows += _rows_of_best(sizes, statistics.median(threaded["speed"]))
+    if effort.captured in sizes and arguments.device != "cpu":
+        graphs = ("physics=warp", f"physics.device={arguments.device}", "ppo.cudagraphs=true")
+        captured = _apart(measure_training, effort.captured, effort, arguments.device, *graphs)
+        rows.append(_row_of_graphs(effort.captured, captured, sizes[effort.captured]))
     for name, overrides in effort.runs.items():
         rows.append(measure_run(name, overrides, arguments.device))
     print("\n".join(f"{key}: {value}" for key, value in about.items()))
@@ -179,6 +187,15 @@ def _rows_of_best(sizes: dict[int, dict], threaded: float) -> list[Row]:
         ),
         Row("share of bare MuJoCo Warp, there", _shares(sizes[best]), target=0.9),
     ]
+
+
+def _row_of_graphs(num_envs: int, captured: dict, eager: dict) -> Row:
+    a, b = (1e3 * statistics.median(measured["update"]) for measured in (captured, eager))
+    return Row(
+        f"update with captured gradient steps / without, {num_envs:,} robots",
+        [x / y for x, y in zip(captured["update"], eager["update"], strict=True)],
+        context=f"{a:.2f} / {b:.2f} ms a control step",
+    )
 
 
 def _shares(measured: dict) -> list[float]:

@@ -2,23 +2,17 @@
 
 import pytest
 import torch
-from omegaconf import OmegaConf
 
 pytest.importorskip("warp", reason="needs packages: pip install -e '.[warp]'")
 
 from stand_in import DEVICE, stand_in
+from test_warp import SMALL, train_whole_and_resumed
 
 from benchmarks.kill_and_resume import outcome
 from locomotion import train as training
 from locomotion.agents import PPO, make_critic
 from locomotion.assembly import make_env, make_policy, policy_keys
 from locomotion.command_line.composing import compose
-from locomotion.runs import record
-
-SMALL = [
-    *("+obs=history3", "env.num_envs=4", "ppo.steps=8", "ppo.minibatch_size=16"),
-    *("ppo.iterations=4", "checkpoint_interval=2", "physics=warp", "physics.device=cpu"),
-]
 
 
 @pytest.fixture
@@ -28,7 +22,7 @@ def crossings(monkeypatch):
 
 
 def placed(*overrides, cudagraphs=False):
-    config = compose(*SMALL, *overrides)
+    config = compose(*SMALL, "+obs=history3", "physics.device=cpu", *overrides)
     # No configuration may say so, and with that device none of the second.
     config.physics.device, config.ppo.cudagraphs = str(DEVICE), cudagraphs
     return config
@@ -55,22 +49,15 @@ def test_the_stand_in_refuses_and_counts(crossings):
 
 
 @pytest.mark.filterwarnings("ignore:This module is instantiated on a machine without CUDA")
-@pytest.mark.parametrize(("time_limit", "cudagraphs"), [("null", False), ("1", True)])
+@pytest.mark.parametrize(("time_limit", "cudagraphs"), [("null", False), ("2", True)])
 def test_a_run_and_its_resumption_stay_on_the_device(time_limit, cudagraphs, tmp_path, crossings):
     config = placed(f"env.time_limit={time_limit}", cudagraphs=cudagraphs)
-    for name in ("whole", "resumed"):
-        (tmp_path / name).mkdir()
-        record(tmp_path / name, config=OmegaConf.structured(config))
-    training.train(config, tmp_path / "whole")
-    for part in ("checkpoints/000002.ckpt", "metrics.csv"):
-        (tmp_path / "resumed" / part).parent.mkdir(exist_ok=True)
-        (tmp_path / "resumed" / part).write_bytes((tmp_path / "whole" / part).read_bytes())
-    training.train(config, tmp_path / "resumed")
+    train_whole_and_resumed(config, tmp_path)
     assert outcome(tmp_path / "resumed") == outcome(tmp_path / "whole")
 
 
 def test_a_control_step_waits_once_for_the_device(crossings):
-    collector, _ = learner(placed())
+    collector, _ = learner(placed("env.time_limit=null"))
     batches = iter(collector)
     next(batches)
     crossings.clear()

@@ -238,18 +238,22 @@ SMALL = [
 ]
 
 
+def train_whole_and_resumed(config, folder):
+    """Leaves a run in ``whole``, and in ``resumed`` one that went on from the middle of it."""
+    for name in ("whole", "resumed"):
+        (folder / name).mkdir()
+        record(folder / name, config=OmegaConf.structured(config))
+    training.train(config, folder / "whole")
+    for part in ("checkpoints/000002.ckpt", "metrics.csv"):
+        (folder / "resumed" / part).parent.mkdir(exist_ok=True)
+        (folder / "resumed" / part).write_bytes((folder / "whole" / part).read_bytes())
+    training.train(config, folder / "resumed")
+
+
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_resumed_run_goes_on(device, tmp_path):
     """On the CPU bit for bit; on a GPU from the same weights and states."""
-    config = compose(*SMALL, f"physics.device={device}")
-    for name in ("whole", "resumed"):
-        (tmp_path / name).mkdir()
-        record(tmp_path / name, config=OmegaConf.structured(config))
-    training.train(config, tmp_path / "whole")
-    for part in ("checkpoints/000002.ckpt", "metrics.csv"):
-        (tmp_path / "resumed" / part).parent.mkdir(exist_ok=True)
-        (tmp_path / "resumed" / part).write_bytes((tmp_path / "whole" / part).read_bytes())
-    training.train(config, tmp_path / "resumed")
+    train_whole_and_resumed(compose(*SMALL, f"physics.device={device}"), tmp_path)
     if device == "cpu":
         assert outcome(tmp_path / "resumed") == outcome(tmp_path / "whole")
     else:

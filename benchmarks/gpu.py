@@ -68,11 +68,15 @@ FULL = Effort(
     runs={
         "64 robots, the report's settings": ("+obs=history3", "physics=warp"),
         # 4,096 robots that take 400 control steps each.
-        "4,096 robots, +experiment=gpu": (
+        "4,096 robots, the report's budget": (
             *("+obs=history3", "+experiment=gpu", "env.num_envs=4096"),
-            *("ppo.steps=16", "ppo.iterations=25"),
+            *("ppo.steps=2", "ppo.iterations=200"),
         ),
-        "+experiment=gpu to its end": ("+obs=history3", "+experiment=gpu"),
+        "+experiment=gpu": ("+obs=history3", "+experiment=gpu"),
+        "+experiment=gpu ppo.cudagraphs=true": (
+            *("+obs=history3", "+experiment=gpu"),
+            "ppo.cudagraphs=true",
+        ),
     },
 )
 QUICK = Effort(

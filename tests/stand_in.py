@@ -132,10 +132,12 @@ def stand_in(monkeypatch) -> Iterator[Counter]:
     Yields:
         How often each operation made the host wait, or moved data between the two.
     """
-    monkeypatch.setattr(PhysicsConfig, "require", lambda self: None)
+    for check in ("__post_init__", "require"):
+        monkeypatch.setattr(PhysicsConfig, check, lambda self: None)
     to_torch = warp.to_torch
     monkeypatch.setattr(warp, "to_torch", lambda array: _Elsewhere(to_torch(array)))
-    monkeypatch.setattr(warp_physics, "_warp_device", lambda _: warp.get_device("cpu"))
+    warp_device = warp_physics._warp_device
+    monkeypatch.setattr(warp_physics, "_warp_device", lambda device: warp_device("cpu"))
     # Tensors that are seen through another one cannot be made in inference mode.
     monkeypatch.setattr(torch, "inference_mode", torch.no_grad)
     adam = importlib.import_module("torch.optim.adam")  # as an attribute it is hidden

@@ -1,18 +1,24 @@
 """Training where a GPU would be: on a stand-in that refuses what a GPU refuses."""
 
+import json
+
 import pytest
 import torch
 
 pytest.importorskip("warp", reason="needs packages: pip install -e '.[warp]'")
 
 from stand_in import DEVICE, stand_in
-from test_warp import SMALL, train_whole_and_resumed
+from test_warp import GECKO, SMALL, task_of_gecko, train_whole_and_resumed
 
 from benchmarks.kill_and_resume import outcome
 from locomotion import train as training
 from locomotion.agents import PPO, make_critic
 from locomotion.assembly import make_env, make_policy, policy_keys
 from locomotion.command_line.composing import compose
+from locomotion.config import EvaluateConfig
+from locomotion.evaluate import evaluate
+from locomotion.gaits import make_walker
+from locomotion.rendering.motion import record_motion
 
 
 @pytest.fixture
@@ -21,11 +27,8 @@ def crossings(monkeypatch):
         yield counted
 
 
-def placed(*overrides, cudagraphs=False):
-    config = compose(*SMALL, "+obs=history3", "physics.device=cpu", *overrides)
-    # No configuration may say so, and with that device none of the second.
-    config.physics.device, config.ppo.cudagraphs = str(DEVICE), cudagraphs
-    return config
+def placed(*overrides):
+    return compose(*SMALL, "+obs=history3", f"physics.device={DEVICE}", *overrides)
 
 
 def learner(config):
@@ -49,11 +52,21 @@ def test_the_stand_in_refuses_and_counts(crossings):
 
 
 @pytest.mark.filterwarnings("ignore:This module is instantiated on a machine without CUDA")
-@pytest.mark.parametrize(("time_limit", "cudagraphs"), [("null", False), ("2", True)])
-def test_a_run_and_its_resumption_stay_on_the_device(time_limit, cudagraphs, tmp_path, crossings):
-    config = placed(f"env.time_limit={time_limit}", cudagraphs=cudagraphs)
-    train_whole_and_resumed(config, tmp_path)
+@pytest.mark.parametrize("override", ["env.time_limit=null", "ppo.cudagraphs=true"])
+def test_a_run_and_its_resumption_stay_on_the_device(override, tmp_path, crossings):
+    train_whole_and_resumed(placed(override), tmp_path)
     assert outcome(tmp_path / "resumed") == outcome(tmp_path / "whole")
+
+
+def test_a_policy_is_measured_and_filmed_on_the_device(crossings, capsys):
+    config = task_of_gecko("env.num_envs=2", "physics=warp", f"physics.device={DEVICE}")
+    options = EvaluateConfig(
+        seconds=1.0, delay=1, noise=0.1, push=0.2, reality_check=False, json=True
+    )
+    evaluate(GECKO, config, options)
+    assert 0 < json.loads(capsys.readouterr().out)["mean_action"]["speed"]["mean"] < 2
+    motion = record_motion(make_walker(GECKO, config), seconds=1.0, fps=10)
+    assert motion.qpos.shape == (10, motion.model.nq) and motion.speed(9) > 0
 
 
 def test_a_control_step_waits_once_for_the_device(crossings):

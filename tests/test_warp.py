@@ -65,15 +65,22 @@ def test_a_control_step_is_mujocos(robot, self_collision, device):
         torch.testing.assert_close(reached.qvel.cpu(), expected.qvel, atol=1e-3, rtol=0)
 
 
-def trained(*overrides):
-    """An environment, and the policy that comes along for the gecko where it is."""
-    run = POLICIES / "gecko"
-    saved = OmegaConf.create(read_config(run))
+GECKO = POLICIES / "gecko"
+
+
+def task_of_gecko(*overrides):
+    """Where the gecko that comes along was trained, but for what is asked for."""
+    saved = OmegaConf.create(read_config(GECKO))
     saved.ppo.update(steps=1, minibatch_size=1)
     amend(saved, parse(overrides, "here"))
-    config = typed(Config, saved)
+    return typed(Config, saved)
+
+
+def trained(*overrides):
+    """An environment, and the policy that comes along for the gecko where it is."""
+    config = task_of_gecko(*overrides)
     env = make_env(config)
-    return env, load_policy(run, config, env)
+    return env, load_policy(GECKO, config, env)
 
 
 def walk(env, actor, steps, **keywords):

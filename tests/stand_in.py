@@ -61,6 +61,11 @@ class _Elsewhere(torch.Tensor):
     def tolist(self):
         return self.cpu().tolist()
 
+    def numpy(self, *, force=False):
+        if not force:
+            raise TypeError(f"can't convert a tensor on {DEVICE} to numpy")
+        return self.detach().cpu().numpy()
+
     def __reduce_ex__(self, protocol):
         return self.inside.detach().__reduce_ex__(protocol)  # as read with map_location="cpu"
 

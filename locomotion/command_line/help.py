@@ -10,6 +10,7 @@ from locomotion.config import Config
 _HELP = """Modular robots learn to walk.
 
   python -m locomotion.train                              the gecko, with the report's settings
+  python -m locomotion.train +experiment=quick            a gait in little more than a minute
   python -m locomotion.train robot=ant +obs=history3      another robot, other observations
   python -m locomotion.train --multirun robot=gecko,ant +obs=hinges,history3 seed=0,1
   python -m locomotion.train --multirun +experiment=ablation    every run of Figures 2 and 3

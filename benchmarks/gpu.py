@@ -266,9 +266,11 @@ def measure_run(name: str, overrides: tuple[str, ...], device: str) -> Row:
         with open(f"{folder}/run/metrics.csv", newline="") as file:
             rows = list(csv.DictReader(file))
     steps, rewards = int(rows[-1]["frames"]), [float(row["mean_reward"]) for row in rows]
-    there = next((i for i, reward in enumerate(rewards) if reward >= REPORTED), None)
+    # For good: as long as all robots still face the way they started, a policy can be faster than it is.
+    below = [i for i, reward in enumerate(rewards) if reward < REPORTED]
+    there = below[-1] + 1 if below else 0
     taken = [float(row["collect_seconds"]) + float(row["update_seconds"]) for row in rows]
-    passed = "never" if there is None else f"after {sum(taken[: there + 1]):.1f} s of training"
+    passed = "never" if there == len(rows) else f"after {sum(taken[: there + 1]):.1f} s of training"
     return Row(
         f"s, whole run, {name}",
         [seconds],
@@ -277,7 +279,7 @@ def measure_run(name: str, overrides: tuple[str, ...], device: str) -> Row:
         form="{:.1f}",
         context=(
             f"{steps:,} control steps, {statistics.mean(rewards[-10:]):.3f} m at the end;"
-            f" {REPORTED} m {passed}"
+            f" {REPORTED} m for good {passed}"
         ),
     )
 

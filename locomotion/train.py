@@ -92,7 +92,7 @@ def train(config: Config, folder: Path) -> None:
         started = time.perf_counter()
         for batch in collector:
             collected = time.perf_counter()
-            learning_rate = float(ppo.optimizer.param_groups[0]["lr"])
+            learning_rate = ppo.actor_lr
             try:
                 losses = ppo.update(batch)
             except FloatingPointError as error:

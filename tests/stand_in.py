@@ -1,8 +1,8 @@
 """A stand-in for a GPU, for machines without one.
 
 Its tensors compute on the CPU, but say that they are elsewhere, and refuse to be mixed with tensors that
-are on the CPU as a GPU's would. What makes the host wait for a GPU, or moves data between the two, is
-counted.
+are on the CPU as a GPU's would. Where the host asks for a value or the number of elements, or data moves
+between the two, it is counted.
 """
 
 from __future__ import annotations
@@ -147,6 +147,8 @@ def stand_in(monkeypatch) -> Iterator[Counter]:
     monkeypatch.setattr(torch, "inference_mode", torch.no_grad)
     adam = importlib.import_module("torch.optim.adam")  # as an attribute it is hidden
     monkeypatch.setattr(adam, "_device_dtype_check_for_fused", lambda *_, **__: None)
+    # Where there is a GPU, graphs would want to be captured on it.
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     crossings: Counter = Counter()
     with _Constructors(), _Operations(crossings):
         yield crossings

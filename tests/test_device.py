@@ -4,6 +4,7 @@ import json
 
 import pytest
 import torch
+from torch.utils._pytree import tree_map
 
 pytest.importorskip("warp", reason="needs packages: pip install -e '.[warp]'")
 
@@ -52,9 +53,11 @@ def test_the_stand_in_refuses_and_counts(crossings):
 
 
 @pytest.mark.filterwarnings("ignore:This module is instantiated on a machine without CUDA")
-@pytest.mark.parametrize("override", ["env.time_limit=null", "ppo.cudagraphs=true"])
-def test_a_run_and_its_resumption_stay_on_the_device(override, tmp_path, crossings):
-    train_whole_and_resumed(placed(override), tmp_path)
+@pytest.mark.parametrize("cudagraphs", [False, True])
+def test_a_run_and_its_resumption_stay_on_the_device(cudagraphs, tmp_path, crossings):
+    config = placed()
+    config.ppo.cudagraphs = cudagraphs  # which no configuration says of such a device
+    train_whole_and_resumed(config, tmp_path)
     assert outcome(tmp_path / "resumed") == outcome(tmp_path / "whole")
 
 
@@ -83,8 +86,15 @@ def test_a_gradient_step_never_waits_for_the_device(crossings):
     collector, ppo = learner(placed())
     batch, waits = next(iter(collector)), []
     ppo.update(batch)  # makes room for batches
-    for ppo.epochs in (1, 5):
-        crossings.clear()
-        ppo.update(batch)
-        waits.append(crossings.total())
-    assert waits[0] == waits[1]
+    for resumed in (False, True):
+        if resumed:  # a checkpoint is read on the CPU
+            ppo.load_state_dict(tree_map(_on_the_cpu, ppo.state_dict()))
+        for ppo.epochs in (1, 5):
+            crossings.clear()
+            ppo.update(batch)
+            waits.append(crossings.total())
+    assert len(set(waits)) == 1
+
+
+def _on_the_cpu(value):
+    return value.cpu() if isinstance(value, torch.Tensor) else value

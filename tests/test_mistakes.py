@@ -64,7 +64,7 @@ def refusal(arguments, monkeypatch, capsys):
         (["ppo.iterations=0"], "ppo.iterations=0 must be at least 1"),
         (["ppo.minibatch_size=0"], "ppo.minibatch_size=0 must be at least 1"),
         (["ppo.minibatch_size=9000"], "ppo.minibatch_size=9000 must be at most the 8192 frames"),
-        (["ppo.cudagraphs=true"], "ppo.cudagraphs=True must be False with physics.device=cpu"),
+        (["ppo.cudagraphs=true"], "ppo.cudagraphs=True needs physics.device=cuda:0, not cpu"),
         (
             ["physics=warp", "ppo.cudagraphs=true", "ppo.minibatch_size=5000"],
             "ppo.minibatch_size=5000 must divide the 8192 frames",

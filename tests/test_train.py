@@ -117,12 +117,12 @@ def test_defaults_are_the_reports():
     assert (config.ppo.entropy_coeff, config.env.control_frequency) == (0.01, 4.0)
 
 
-def test_a_gecko_learns_to_walk(tmp_path):
+def test_a_gecko_learns_within_seconds(tmp_path):
     options = ("+obs=history3", "+experiment=quick", "ppo.iterations=25")
     result = train(*options, "hydra.run.dir=run", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     rewards = [float(row["mean_reward"]) for row in rows(tmp_path / "run")]
-    # Where the report's figures say that a gait is there. Other seeds come to 0.12, chance is 0.02.
+    # Other seeds come to 0.12, chance is 0.02.
     assert rewards[0] < 0.03 and max(rewards) > 0.08
 
 

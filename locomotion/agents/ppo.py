@@ -78,10 +78,10 @@ class PPO:
             *("action", "action_log_prob", "advantage", "value_target"),
         ]
         self._cudagraphs = config.cudagraphs
+        self._device = next(critic.parameters()).device
         self._begin_at(0)
-        device = next(critic.parameters()).device
         self.buffer = ReplayBuffer(
-            storage=_RowStorage(frames, device=device),
+            storage=_RowStorage(frames, device=self._device),
             sampler=SamplerWithoutReplacement(),
             batch_size=config.minibatch_size,
         )
@@ -121,8 +121,11 @@ class PPO:
         for group, (rate, factor) in zip(self.optimizer.param_groups, schedule, strict=True):
             group["lr"] = rate * factor(update)
             if self._cudagraphs:  # a graph reads the number where it was when it was captured
-                group["lr"] = torch.tensor(group["lr"], device=group["params"][0].device)
-        self._step = CudaGraphModule(self._learn, in_keys=[]) if self._cudagraphs else self._learn
+                group["lr"] = torch.tensor(group["lr"], device=self._device)
+        self._graph = CudaGraphModule(self._learn, in_keys=[]) if self._cudagraphs else None
+
+    def _step(self, minibatch: TensorDictBase) -> TensorDict:
+        return self._learn(minibatch) if self._graph is None else self._graph(minibatch)
 
     def _learn(self, minibatch: TensorDictBase) -> TensorDict:
         losses = self.loss(minibatch)
@@ -131,6 +134,11 @@ class PPO:
         total.backward()
         self.optimizer.step()
         return losses.detach()
+
+    @property
+    def actor_lr(self) -> float:
+        """The actor's learning rate in the next update."""
+        return self.schedule.base_lrs[0] * self.schedule.lr_lambdas[0](self.schedule.last_epoch)
 
     def state_dict(self) -> dict[str, Any]:
         """All that it knows beside the networks."""
@@ -143,16 +151,19 @@ class PPO:
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
         """Goes on from a state; learning rates are those of this schedule at that point."""
         self.optimizer.load_state_dict(state_dict["optimizer"])
-        self.buffer.sampler.load_state_dict(state_dict["sampler"])
+        sampler = dict(state_dict["sampler"])
+        if sampler["_sample_list"] is not None:  # where it is, the next ones will be made
+            sampler["_sample_list"] = sampler["_sample_list"].to(self._device)
+        self.buffer.sampler.load_state_dict(sampler)
         self._begin_at(state_dict["updates"])
 
 
 class _Loss(ClipPPOLoss):
-    """TorchRL's loss, which never waits for a GPU."""
+    """TorchRL's loss, which never makes the host wait for a GPU."""
 
     def _get_entropy(self, dist: Distribution, adv_shape: torch.Size) -> torch.Tensor:
-        # TorchRL's looks in every step whether it is finite, to sample it where it is not. A
-        # Gaussian's is, or else a weight is not, and PPO.update looks at those.
+        # TorchRL's looks in every step whether it is finite, to sample it where it is not. If a
+        # Gaussian's is not, nor is the loss, at which PPO.update looks when all is done.
         return dist.entropy().unsqueeze(-1)
 
 

@@ -128,7 +128,7 @@ def _asked(
     saved.env.update(fixed)
     saved.logger = load("logger/csv")  # what a run was shown in need not be installed here
     # Nothing learns here, so no batch has a say in how many robots there are.
-    saved.ppo.update(steps=1, minibatch_size=1)
+    saved.ppo.update(steps=1, minibatch_size=1, cudagraphs=False)
     amend(saved, task)
     config = typed(Config, saved)
     config.physics.require()

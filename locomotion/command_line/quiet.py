@@ -9,7 +9,7 @@ def quiet() -> None:
     """Silences libraries, and gives torch one thread; call it before they are imported."""
     # dm-control turns such warnings on for everyone; these are TorchRL's, about parts of its own.
     warnings.filterwarnings("ignore", "Creating .*WeightUpdaterBase is deprecated")
-    # CUDA graphs of tensordicts ask for that, and nothing here needs the other.
+    # CudaGraphModule takes tensordicts out of torch's pytrees, which nothing here uses.
     warnings.filterwarnings("ignore", "Tensordict is registered in PyTree")
     import torch
     from absl import logging as absl_logging

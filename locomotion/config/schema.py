@@ -259,7 +259,7 @@ class PPOConfig(Checked):
         "weight of the policy's entropy, averaged over the hinges", least=0, most=100
     )
     cudagraphs: bool = key(
-        "whether a gradient step is one captured CUDA graph; needs a GPU", before=False
+        "whether a gradient step is one captured CUDA graph; needs cuda:0", before=False
     )
 
 
@@ -313,9 +313,10 @@ class Config(Checked):
                 f"env.num_envs={self.env.num_envs} x ppo.steps={self.ppo.steps} must be at most"
                 f" {MOST_FRAMES} frames in an iteration"
             )
-        if self.ppo.cudagraphs and self.physics.device == "cpu":
+        if self.ppo.cudagraphs and self.physics.device != "cuda:0":
             raise ConfigError(
-                "ppo.cudagraphs=True must be False with physics.device=cpu, as CUDA graphs need a GPU"
+                f"ppo.cudagraphs=True needs physics.device=cuda:0, not {self.physics.device};"
+                " CUDA_VISIBLE_DEVICES says which GPU that is"
             )
         if self.ppo.cudagraphs and frames % self.ppo.minibatch_size:
             raise ConfigError(

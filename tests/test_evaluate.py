@@ -148,3 +148,15 @@ def test_a_change_that_changes_nothing_is_left_out_and_others_come_on_top():
     overrides = [row[-1] for row in planned(config, Disturbances(delay=2, push=0.5))]
     assert "physics.self_collision=true" not in overrides
     assert overrides[-3:] == ["delay=3", "noise=0.05", "push=1"]
+
+
+def test_a_policy_that_a_gpu_trained_walks_without_one(tmp_path, monkeypatch, capsys):
+    run = shutil.copytree(policies.POLICIES / "gecko", tmp_path / "run")
+    path = run / ".hydra" / "config.yaml"
+    saved = OmegaConf.load(path)
+    saved.physics.update(backend="warp", device="cuda:0", threads=None)
+    saved.ppo.cudagraphs = True
+    OmegaConf.save(saved, path)
+    arguments = [f"run={run}", "physics=threaded", "seconds=1", "env.num_envs=2", "json=true"]
+    call("evaluate", arguments, monkeypatch)
+    assert json.loads(capsys.readouterr().out)["robots"] == 2

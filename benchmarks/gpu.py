@@ -69,14 +69,15 @@ FULL = Effort(
     runs={
         "64 robots, the report's settings": ("+obs=history3", "physics=warp"),
         # 4,096 robots that take 400 control steps each.
-        # 4,096 robots that take 400 control steps each.
         "4,096 robots, the report's budget": (
-            *("+obs=history3", "+experiment=gpu"),
+            "+obs=history3",
+            "+experiment=gpu",
             "ppo.iterations=200",
         ),
         "+experiment=gpu": ("+obs=history3", "+experiment=gpu"),
         "+experiment=gpu ppo.cudagraphs=true": (
-            *("+obs=history3", "+experiment=gpu"),
+            "+obs=history3",
+            "+experiment=gpu",
             "ppo.cudagraphs=true",
         ),
     },
@@ -147,7 +148,7 @@ def main() -> None:
             rows += _rows_of_size(num_envs, sizes[num_envs])
     if sizes:
         rows += _rows_of_best(sizes, statistics.median(threaded["speed"]))
-    if effort.captured in sizes and arguments.device != "cpu":
+    if effort.captured in sizes and arguments.device == "cuda:0":
         graphs = ("physics=warp", f"physics.device={arguments.device}", "ppo.cudagraphs=true")
         name = f"update with captured gradient steps / without, {effort.captured:,} robots"
         try:

@@ -87,7 +87,7 @@ class _Operations(TorchDispatchMode):
         goes_there = bool(there) if wanted is None else wanted == DEVICE.type
         if there and here and func not in _COPIES | _INDEXING:
             raise RuntimeError(f"{func} has tensors here and on {DEVICE}")
-        if self._crosses(func, args, tensors, there, here, goes_there):
+        if self._crosses(func, args, tensors, there, goes_there):
             self._crossings[str(func)] += 1
         inner_args, inner_kwargs = tree_map(_inside, (args, kwargs))
         if wanted is not None and goes_there:
@@ -101,7 +101,7 @@ class _Operations(TorchDispatchMode):
         return return_and_correct_aliasing(func, args, kwargs, result) if there else result
 
     @staticmethod
-    def _crosses(func, args, tensors, there, here, goes_there) -> bool:
+    def _crosses(func, args, tensors, there, goes_there) -> bool:
         if func is _aten.copy_.default:
             return bool(there) and not all(isinstance(x, _Elsewhere) for x in args[:2])
         if func is _aten._to_copy.default:

@@ -8,15 +8,15 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from locomotion.command_line.policies import command
-from locomotion.command_line.quiet import quiet
-from locomotion.config import Config, EvaluateConfig
+from locomotion.cli.policies import Command
+from locomotion.config import Config
+from locomotion.evaluation.options import EvaluateConfig
 
 if TYPE_CHECKING:
-    from locomotion.gaits import Interval, Share
+    from locomotion.evaluation import Interval, Share
 
 _EXAMPLES = """\
-  python -m locomotion.evaluate                                the gecko that comes along
+  python -m locomotion.evaluate                                the gecko that ships
   python -m locomotion.evaluate robot=ant reality_check=true   under what a real robot would bring
   python -m locomotion.evaluate run=outputs/DATE/TIME env.num_envs=256 seconds=120
   python -m locomotion.evaluate physics.self_collision=true push=0.5 json=true"""
@@ -33,10 +33,9 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
     Raises:
         RunError: if the run holds no checkpoint that can be read.
     """
-    quiet()
     from tqdm import tqdm
 
-    from locomotion.gaits import (
+    from locomotion.evaluation import (
         Disturbances,
         make_walker,
         measure,
@@ -46,7 +45,7 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
         walk,
     )
 
-    disturbances = Disturbances(options.delay, options.noise, options.push)
+    disturbances = Disturbances(options.noise, options.push)
     walker = make_walker(run, config, disturbances)
     walks = 2
     if options.reality_check:
@@ -104,7 +103,7 @@ def _numbers(interval: Interval) -> dict[str, float | None]:
 def _as_table(
     config: Config, options: EvaluateConfig, found: dict[str, dict[str, Interval]]
 ) -> str:
-    from locomotion.gaits import MEASURES
+    from locomotion.evaluation import MEASURES
 
     robots = f"{config.robot.name}: {config.env.num_envs} robots, {options.seconds:g} s"
     lines = [
@@ -137,9 +136,7 @@ def _shown(interval: Interval) -> str:
     return f"{interval.mean:.3g} [{interval.low:.3g}, {interval.high:.3g}]"
 
 
-def main() -> None:
-    command("evaluate", EvaluateConfig, evaluate, "Measures how a policy walks.", _EXAMPLES)
-
+COMMAND = Command(EvaluateConfig, evaluate, "Measures how a policy walks.", _EXAMPLES)
 
 if __name__ == "__main__":
-    main()
+    COMMAND.main()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import json
 import logging
@@ -9,24 +10,37 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from locomotion.command_line.policies import command
-from locomotion.command_line.quiet import quiet
-from locomotion.config import Config, ConfigError, ExportConfig
+from locomotion.cli.policies import Command
+from locomotion.config import Config
+from locomotion.options import Checked, ConfigError, key
 from locomotion.writing import replacing
 
 if TYPE_CHECKING:
     import torch
 
-    from locomotion.gaits import Controller
+
+@dataclasses.dataclass
+class ExportConfig(Checked):
+    """``python -m locomotion.export``."""
+
+    output: str | None = key(
+        "file to write, .onnx, .pt2 or .xml; null: ROBOT.* in all three", default=None
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.output is not None and not self.output.endswith((".onnx", ".pt2", ".xml")):
+            self.refuse("output", self.output, "a file that ends in .onnx, .pt2 or .xml")
+
 
 _EXAMPLES = """\
   python -m locomotion.export                                  gecko.onnx, gecko.pt2 and gecko.xml
   python -m locomotion.export run=outputs/DATE/TIME output=gait.onnx
 
-The program takes one robot's hinge_position (rad), core_orientation (unit quaternion w x y z, if the
-policy senses it) and history (zeros at the start), and returns hinge_target (rad) and next_history, to
-be given back at the next control step. How often, and the order of hinges, is in the file's metadata.
-The .xml is the robot on its ground, for MuJoCo alone."""
+The program takes one robot's readings, such as hinge_position (rad) and core_orientation (unit quaternion
+w x y z), and its memory, zeros at the start. It returns hinge_target (rad) and the memory under names with
+next_ in front, to be given back at the next control step. How often, the order of hinges and the names of
+the memory are in the file's metadata. The .xml is the robot on its ground, for MuJoCo alone."""
 
 
 def export(run: Path, config: Config, options: ExportConfig) -> None:
@@ -38,61 +52,58 @@ def export(run: Path, config: Config, options: ExportConfig) -> None:
         options: where to.
 
     Raises:
-        ConfigError: if a package that writes the format is missing.
         RunError: if the run holds no checkpoint that can be read.
     """
-    if options.output is None:
-        files = [Path(f"{config.robot.name}{ending}") for ending in (".onnx", ".pt2", ".xml")]
-    else:
-        files = [Path(options.output)]
-    if any(file.suffix == ".onnx" for file in files):
-        for package in ("onnx", "onnxscript"):
-            if importlib.util.find_spec(package) is None:
-                raise ConfigError(
-                    f"ONNX needs packages: pip install onnx onnxscript ({package} is not)"
-                )
-    quiet()
     import torch
 
-    from locomotion.assembly import make_env
-    from locomotion.gaits import Controller, load_policy
+    from locomotion.evaluation import Controller, load_policy
+    from locomotion.training.build import make_env
 
     env = make_env(config)
-    controller = Controller(env, load_policy(run, config, env)).cpu().eval()
+    controller = Controller(config, env, load_policy(run, config, env)).cpu().eval()
     metadata = {
         "robot": config.robot.name,
         "control_frequency": f"{config.env.control_frequency:g}",
         "hinges": json.dumps(env.base_env.hinge_names),
+        "memory": json.dumps(list(controller.memory)),
     }
+    example = (
+        {name: torch.zeros(length) for name, length in controller.readings.items()},
+        {name: torch.zeros(shape) for name, shape in controller.memory.items()},
+    )
     with torch.no_grad():
-        program = torch.export.export(controller, (), _example(controller))
-    for file in files:
+        program = torch.export.export(controller, example, strict=False)
+    for file in _files(config, options):
         with replacing(file) as partial:
             if file.suffix == ".onnx":
-                _write_onnx(program, controller, metadata, partial)
+                _write_onnx(program, example, metadata, partial)
             elif file.suffix == ".xml":
                 partial.write_text(env.base_env.task.root_entity.mjcf_model.to_xml_string())
             else:
                 torch.export.save(program, str(partial), extra_files=metadata)
     env.close()
-    print(", ".join(map(str, files)))
+    print(", ".join(map(str, _files(config, options))))
 
 
-def _example(controller: Controller) -> dict[str, torch.Tensor]:
-    import torch
+def _files(config: Config, options: ExportConfig) -> list[Path]:
+    if options.output is not None:
+        return [Path(options.output)]
+    return [Path(f"{config.robot.name}{ending}") for ending in (".onnx", ".pt2", ".xml")]
 
-    inputs = {
-        "hinge_position": torch.zeros(controller.num_hinges),
-        "history": torch.zeros(controller.history_length),
-    }
-    if controller.needs_orientation:
-        inputs["core_orientation"] = torch.tensor([1.0, 0.0, 0.0, 0.0])
-    return inputs
+
+def require(options: ExportConfig) -> None:
+    """Raises a :class:`ConfigError` if a package that writes the format is missing."""
+    if options.output is None or options.output.endswith(".onnx"):
+        for package in ("onnx", "onnxscript"):
+            if importlib.util.find_spec(package) is None:
+                raise ConfigError(
+                    f"ONNX needs packages: pip install onnx onnxscript ({package} is not there)"
+                )
 
 
 def _write_onnx(
     program: torch.export.ExportedProgram,
-    controller: Controller,
+    example: tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]],
     metadata: dict[str, str],
     path: Path,
 ) -> None:
@@ -102,10 +113,11 @@ def _write_onnx(
     # Both are about libraries alone: operators of torchvision, and torch's own use of its trees.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", ".*isinstance.treespec, LeafSpec.*", FutureWarning)
+    readings, memory = example
     exported = torch.onnx.export(
         program,
-        input_names=list(_example(controller)),
-        output_names=["hinge_target", "next_history"],
+        input_names=[*readings, *memory],
+        output_names=["hinge_target", *(f"next_{name}" for name in memory)],
         dynamo=True,
         verbose=False,
     )
@@ -114,9 +126,7 @@ def _write_onnx(
     onnx.save(model, path)
 
 
-def main() -> None:
-    command("export", ExportConfig, export, "Takes a policy out.", _EXAMPLES, num_envs=1)
-
+COMMAND = Command(ExportConfig, export, "Takes a policy out.", _EXAMPLES, num_envs=1, check=require)
 
 if __name__ == "__main__":
-    main()
+    COMMAND.main()

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from locomotion.config import free_keys
 from locomotion.plots.curves import (
     REPORT,
     Curve,
@@ -25,7 +26,7 @@ from locomotion.plots.curves import (
     read_sweep,
 )
 from locomotion.plots.figures import figure2, figure3, learning_curves, save
-from locomotion.runs import RunError, free_keys, read_record
+from locomotion.runs import RunError, read_record
 
 FIGURES = {"figure2": figure2, "figure3": figure3}
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
 
-from locomotion.command_line.policies import command
-from locomotion.command_line.quiet import quiet
-from locomotion.config import Config, ConfigError, WatchConfig
+from locomotion.cli.policies import Command
+from locomotion.config import Config
+from locomotion.options import ConfigError
 from locomotion.rendering.graphics import ADVICE, choose_graphics, has_graphics, has_screen
+from locomotion.rendering.options import WatchConfig
 
 _EXAMPLES = """\
-  python -m locomotion.watch                          the gecko that comes along: gecko.mp4, gecko.webp
+  python -m locomotion.watch                          the gecko that ships: gecko.mp4, gecko.webp
   python -m locomotion.watch robot=ant web=true       a page for the browser: ant.html
   python -m locomotion.watch run=outputs/DATE/TIME seconds=30 output=gait.mp4
   python -m locomotion.watch live=true physics.self_collision=true push=0.5"""
@@ -25,22 +27,14 @@ def watch(run: Path, config: Config, options: WatchConfig) -> None:
         options: what to show, and where.
 
     Raises:
-        ConfigError: if this machine cannot show it.
         RunError: if the run holds no checkpoint that can be read.
     """
-    if options.live and not has_screen():
-        raise ConfigError("live=true needs a screen; a film or web=true does not")
-    if options.web:
-        _require_viser()
-    elif not options.live and not has_graphics():
-        raise ConfigError(ADVICE)
-    quiet()
     from tqdm import tqdm
 
-    from locomotion.gaits import Disturbances, make_walker
+    from locomotion.evaluation import Disturbances, make_walker
     from locomotion.rendering.motion import record_motion
 
-    disturbances = Disturbances(options.delay, options.noise, options.push)
+    disturbances = Disturbances(options.noise, options.push)
     walker = make_walker(run, config, disturbances)
     if options.live:
         from locomotion.rendering.live import show_live
@@ -67,17 +61,20 @@ def watch(run: Path, config: Config, options: WatchConfig) -> None:
     )
 
 
-def _require_viser() -> None:
-    import importlib.util
-
-    if importlib.util.find_spec("viser") is None:
+def require(options: WatchConfig) -> None:
+    """Raises a :class:`ConfigError` if this machine cannot show what is asked for."""
+    if options.live and not has_screen():
+        raise ConfigError("live=true needs a screen; a film or web=true does not")
+    if options.web and importlib.util.find_spec("viser") is None:
         raise ConfigError("web=true needs a package: pip install 'viser>=1.1'")
+    if not options.web and not options.live and not has_graphics():
+        raise ConfigError(ADVICE)
 
 
-def main() -> None:
-    choose_graphics()  # before a configuration is checked, for which bodies are built with MuJoCo
-    command("watch", WatchConfig, watch, "Shows how a policy walks.", _EXAMPLES, num_envs=1)
-
+COMMAND = Command(
+    WatchConfig, watch, "Shows how a policy walks.", _EXAMPLES, num_envs=1, check=require
+)
 
 if __name__ == "__main__":
-    main()
+    choose_graphics()  # before a configuration is checked, for which bodies are built with MuJoCo
+    COMMAND.main()

@@ -1,7 +1,5 @@
-"""How a gait is learned: the networks, what collects experience, and PPO from TorchRL's parts."""
+"""How a gait is learned: networks, and learners put together from TorchRL's parts.
 
-from locomotion.agents.collector import RolloutCollector
-from locomotion.agents.networks import make_actor, make_critic
-from locomotion.agents.ppo import PPO
-
-__all__ = ["PPO", "RolloutCollector", "make_actor", "make_critic"]
+:mod:`~locomotion.agents.architectures` and :mod:`~locomotion.agents.learners` say what can be chosen in
+``conf/network`` and ``conf/algorithm``, without loading torch.
+"""

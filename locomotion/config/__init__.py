@@ -1,49 +1,24 @@
-"""The configuration of a run: its types, its files, and what is said about mistakes in it.
+"""The configuration of a run: the options of all packages put together."""
 
-Nothing here imports anything heavy, so that a mistake is answered before torch is loaded.
-"""
-
-from locomotion.config.commands import EvaluateConfig, ExportConfig, WalkConfig, WatchConfig
-from locomotion.config.files import GROUPS, conf_dir, flat, load, load_file, typed
-from locomotion.config.messages import explain_omegaconf, explain_yaml
+from locomotion.config.logger import LoggerBackend, LoggerConfig
 from locomotion.config.schema import (
+    GROUPS,
     Config,
-    ConfigError,
-    EnvConfig,
-    LoggerBackend,
-    LoggerConfig,
-    ObsConfig,
-    Orientation,
-    PhysicsBackend,
-    PhysicsConfig,
-    PPOConfig,
-    RobotConfig,
-    substeps,
+    as_dict,
+    described,
+    flat,
+    free_keys,
+    typed_config,
 )
 
 __all__ = [
     "GROUPS",
     "Config",
-    "ConfigError",
-    "EnvConfig",
-    "EvaluateConfig",
-    "ExportConfig",
     "LoggerBackend",
     "LoggerConfig",
-    "ObsConfig",
-    "Orientation",
-    "PPOConfig",
-    "PhysicsBackend",
-    "PhysicsConfig",
-    "RobotConfig",
-    "WalkConfig",
-    "WatchConfig",
-    "conf_dir",
-    "explain_omegaconf",
-    "explain_yaml",
+    "as_dict",
+    "described",
     "flat",
-    "load",
-    "load_file",
-    "substeps",
-    "typed",
+    "free_keys",
+    "typed_config",
 ]

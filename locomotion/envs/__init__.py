@@ -1,6 +1,19 @@
-"""What a robot is paid for: walking away from where it started."""
+"""The task for TorchRL: many robots stepped together, and the readings that they can sense."""
 
-from locomotion.envs.environment import Divergence, LocomotionEnv
-from locomotion.envs.task import WalkAway
+from importlib import import_module
+from typing import Any
 
-__all__ = ["Divergence", "LocomotionEnv", "WalkAway"]
+_NAMES = {
+    "Divergence": "locomotion.envs.divergence",
+    "LocomotionEnv": "locomotion.envs.environment",
+    "ResumableEnv": "locomotion.envs.resumable",
+    "make_task": "locomotion.envs.making",
+}
+
+__all__ = list(_NAMES)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _NAMES:
+        return getattr(import_module(_NAMES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import mujoco
+from importlib import import_module
+from typing import Any
 
-from locomotion.config import PhysicsBackend, PhysicsConfig
-from locomotion.physics.base import Physics
-from locomotion.physics.threaded import ThreadedPhysics
+_NAMES = {
+    "BatchPhysics": "locomotion.physics.batch",
+    "Physics": "locomotion.physics.base",
+    "make_physics": "locomotion.physics.making",
+}
 
-__all__ = ["Physics", "ThreadedPhysics", "make_physics"]
+__all__ = list(_NAMES)
 
 
-def make_physics(model: mujoco.MjModel, num_envs: int, config: PhysicsConfig) -> Physics:
-    """Copies of a model, stepped by what a configuration chooses.
-
-    Raises:
-        ConfigError: if this machine lacks the packages or the device for it.
-    """
-    config.require()
-    if config.backend is PhysicsBackend.threaded:
-        return ThreadedPhysics(model, num_envs, config.threads)
-    from locomotion.physics.warp import WarpPhysics  # an extra, which need not be installed
-
-    return WarpPhysics(model, num_envs, config.device, config.contacts)
+def __getattr__(name: str) -> Any:
+    if name in _NAMES:
+        return getattr(import_module(_NAMES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -3,67 +3,155 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 import torch
 
-#: Where a simulation has gone wrong, as no robot gets there by itself: the core that high (m), moved
-#: along the ground that fast (m/s) on average, or any other position or velocity that large (SI units).
+from locomotion.options import ConfigError
+
+#: Bounds of a sound simulation, as no robot gets there by itself: the core's height (m), its mean speed
+#: along the ground (m/s), and any other position or velocity (SI units).
 CEILING = 10.0
 MOST_SPEED = 20.0
 MOST_STATE = 1000.0
+#: A latency is shortened by this share of a timestep, so that one of whole timesteps is met however the
+#: clock is rounded.
+_LATENCY_MARGIN = 1e-3
 
 
 class Physics(abc.ABC):
-    """Many copies of one model, each with its own state.
+    """Many copies of one model, each with its own state and, where asked for, its own parameters.
 
-    Positions and velocities alone decide what comes next. The model's first joint is a free one, that
-    of the robot's core.
+    The model's first joint is a free one, that of the robot's core; all others are hinges. Fields are
+    named as in MuJoCo's ``MjData`` and ``MjModel``. A backend holds the states and advances them; what
+    is sound, what is put back and how a long control step is divided stands here.
+
+    Args:
+        model: the compiled model that all copies share.
+        num_envs: number of copies.
+        device: where states are, and everything computed from them.
 
     Attributes:
-        model: the compiled model that all copies share.
-        num_envs: how many copies there are.
-        device: where positions and velocities are, and everything computed from them.
+        model: as given.
+        num_envs: as given.
+        device: as given.
+        previous: times, positions and velocities before the last :meth:`step`, float64 of shape
+            ``(num_envs, 1 + nq + nv)``.
     """
 
-    model: mujoco.MjModel
-    num_envs: int
-    device: torch.device
+    #: Physics steps that are taken, and checked, at a time.
+    MOST_STEPS: int
+
+    def __init__(self, model: mujoco.MjModel, num_envs: int, device: torch.device) -> None:
+        _require_walker(model)
+        self.model = model
+        self.num_envs = num_envs
+        self.device = device
+        columns = 1 + model.nq + model.nv
+        # A state is compared with where it should be: time and place are known, the rest is around 0.
+        self._known = torch.zeros(columns, dtype=torch.float64, device=device)
+        self._known[:3] = 1.0
+        self._steps_bounds: dict[int, tuple[torch.Tensor, torch.Tensor]] = {}
+        self.previous = torch.zeros(num_envs, columns, dtype=torch.float64, device=device)
+
+    # What a backend provides.
 
     @property
     @abc.abstractmethod
-    def qpos(self) -> torch.Tensor:
-        """Generalised positions, float64 of shape ``(num_envs, nq)``.
+    def motion(self) -> torch.Tensor:
+        """Times (s), positions and velocities, float64 of shape ``(num_envs, 1 + nq + nv)``.
 
         A view: it changes with the next :meth:`step` or :meth:`reset`, and what is written to it is
-        where the next step begins. The place on the ground is the true one, however far away.
+        where the next step begins. Places on the ground are the true ones, however far away.
         """
 
     @property
     @abc.abstractmethod
-    def qvel(self) -> torch.Tensor:
-        """Generalised velocities, float64 of shape ``(num_envs, nv)``; a view like :attr:`qpos`."""
+    def control(self) -> torch.Tensor:
+        """Hinge targets (rad) that were last given, shape ``(num_envs, nu)``; a view."""
 
     @abc.abstractmethod
+    def field(self, name: str) -> torch.Tensor:
+        """A field of ``MjData``, a row a copy; a view that each step renews.
+
+        Derived fields are those of the last physics step.
+        """
+
+    @abc.abstractmethod
+    def expand(self, name: str) -> torch.Tensor:
+        """Gives a field of ``MjModel`` a value for each copy, and returns these to be written.
+
+        :meth:`set_const` must follow where other constants depend on the field, as for masses.
+        """
+
+    @abc.abstractmethod
+    def set_const(self) -> None:
+        """Computes anew the constants that depend on parameters which were written."""
+
+    @abc.abstractmethod
+    def forward(self) -> None:
+        """Computes derived fields of states that were written."""
+
+    @abc.abstractmethod
+    def state_dict(self) -> dict[str, Any]:
+        """The integration state of all copies and their own parameters; tensors of their own."""
+
+    @abc.abstractmethod
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Puts all copies into a state from :meth:`state_dict`."""
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Ends threads and frees what stepping takes; positions and velocities can still be read."""
+
+    @abc.abstractmethod
+    def _reset(self, where: torch.Tensor | None) -> None:
+        """Puts copies back to the model's initial state."""
+
+    @abc.abstractmethod
+    def _advance(self, num_steps: int, where: torch.Tensor | None) -> None:
+        """Takes at most :attr:`MOST_STEPS` physics steps.
+
+        A copy whose state is given up shows it by a time that is behind.
+        """
+
+    def _cleanse(self, wrong: torch.Tensor) -> None:
+        """Removes what copies that went wrong would leave for the next step, apart from their state."""
+
+    # What is the same for all of them.
+
+    @property
+    def qpos(self) -> torch.Tensor:
+        """Generalised positions, float64 of shape ``(num_envs, nq)``; a view of :attr:`motion`."""
+        return self.motion[:, 1 : 1 + self.model.nq]
+
+    @property
+    def qvel(self) -> torch.Tensor:
+        """Generalised velocities, float64 of shape ``(num_envs, nv)``; a view of :attr:`motion`."""
+        return self.motion[:, 1 + self.model.nq :]
+
     def reset(self, where: torch.Tensor | None = None) -> None:
-        """Puts copies back to the model's initial state, at rest.
+        """Puts copies back to the model's initial state, at rest and at time 0.
 
         Args:
             where: which copies, bool of shape ``(num_envs,)``; ``None`` means all.
         """
+        self._reset(where)
 
-    @abc.abstractmethod
     def step(
         self, control: torch.Tensor, num_steps: int, where: torch.Tensor | None = None
     ) -> torch.Tensor | None:
         """Steps copies under a control that is held.
 
-        A copy diverges if MuJoCo gives its state up, or if what comes out is not finite or beyond
-        :data:`CEILING`, :data:`MOST_SPEED` or :data:`MOST_STATE`. It is then left in the state that
-        led there or, where that was not one to step from, in the model's initial state.
+        A copy diverges if its control is not finite, if MuJoCo gives its state up, or if the state that
+        it comes to is not finite or beyond :data:`CEILING`, :data:`MOST_SPEED` or :data:`MOST_STATE`.
+        It is then left in the state that led there or, where that was not one to step from, in the
+        model's initial state.
 
         Args:
-            control: for every copy, shape ``(num_envs, nu)``.
+            control: hinge targets (rad) of every copy, shape ``(num_envs, nu)``.
             num_steps: physics steps to take.
             where: which copies, bool of shape ``(num_envs,)``; the others stay as they are.
                 ``None`` means all.
@@ -74,16 +162,80 @@ class Physics(abc.ABC):
         Raises:
             ConfigError: if the configuration left too little room for the contacts that there were.
         """
+        if num_steps == 0 or (where is not None and not where.any()):
+            return None
+        start = self.motion.clone()
+        given = self.control
+        if where is None:
+            given.copy_(control)
+        else:
+            given.copy_(torch.where(where[:, None], control, given))
+        wrong = given.isfinite().all(1).logical_not_()
+        before = start
+        for done in range(0, num_steps, self.MOST_STEPS):
+            steps = min(self.MOST_STEPS, num_steps - done)
+            self._advance(steps, where)
+            wrong |= self._beyond(before, self.motion, steps)
+            if done + steps < num_steps:
+                before = self.motion.clone()
+        if where is not None:
+            wrong &= where
+        self.previous = start
+        if not self._any(wrong):
+            return None
+        self._put_back(start, wrong)
+        return wrong
 
-    @abc.abstractmethod
-    def close(self) -> None:
-        """Ends threads and frees what stepping takes; the state can still be read."""
+    def _any(self, wrong: torch.Tensor) -> bool:
+        """Whether a copy went wrong; the only place where the host waits for a device."""
+        return bool(wrong.any())
+
+    def _beyond(self, start: torch.Tensor, end: torch.Tensor, steps: int) -> torch.Tensor:
+        if steps not in self._steps_bounds:
+            timestep = self.model.opt.timestep
+            bound = torch.full_like(self._known, MOST_STATE)
+            bound[0] = timestep / 2
+            bound[1:3] = MOST_SPEED * steps * timestep
+            bound[3] = CEILING
+            ahead = torch.zeros_like(self._known)
+            ahead[0] = steps * timestep
+            self._steps_bounds[steps] = ahead, bound
+        ahead, bound = self._steps_bounds[steps]
+        off = torch.addcmul(ahead, start, self._known).sub_(end).abs_()
+        return (off <= bound).all(1).logical_not_()  # in this form, so that nan is beyond
+
+    def _put_back(self, start: torch.Tensor, wrong: torch.Tensor) -> None:
+        initial = self.motion.new_zeros(start.shape[1])
+        initial[1 : 1 + self.model.nq] = torch.as_tensor(self.model.qpos0)
+        lost = ~start[:, :3].isfinite().all(1) | self._beyond(start, start, 0)
+        self.motion[wrong] = start[wrong]
+        self.motion[wrong & lost] = initial
+        self.control[wrong] = self.control[wrong].nan_to_num(0.0, 0.0, 0.0)
+        self._cleanse(wrong)
+
+    def set_latency(self, latency: torch.Tensor | float) -> None:
+        """Sets how late each copy's hinges get their targets.
+
+        Args:
+            latency: in seconds, shape ``(num_envs,)`` or one for all. Targets that are under way
+                arrive by the new latency.
+
+        Raises:
+            ConfigError: if a latency is longer than the one that the model was compiled with.
+        """
+        longest = torch.as_tensor(latency).max().item()
+        compiled = self.model.actuator_delay.max(initial=0.0)
+        if longest > compiled + 1e-9:
+            raise ConfigError(
+                f"a latency of {longest:g} s is beyond the {compiled:g} s that the model has room for;"
+                " physics.latency makes room"
+            )
+        shortened = torch.as_tensor(latency) - _LATENCY_MARGIN * self.model.opt.timestep
+        delay = self.expand("actuator_delay")
+        delay.copy_(shortened.clamp(min=0.0).reshape(-1, 1).to(delay))
 
 
-def require_plain(model: mujoco.MjModel) -> None:
-    """Raises a :class:`ValueError` if positions and velocities are not all that a model's state is."""
-    size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    if size != 1 + model.nq + model.nv or model.nsensordata:
-        raise ValueError("the model has sensors, or state beyond time, positions, velocities")
-    if model.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE:
-        raise ValueError("the model's first joint is not free")
+def _require_walker(model: mujoco.MjModel) -> None:
+    hinges = model.jnt_type[1:] == mujoco.mjtJoint.mjJNT_HINGE
+    if not model.njnt or model.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE or not hinges.all():
+        raise ValueError("the model's joints must be a free one, then hinges")

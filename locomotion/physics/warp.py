@@ -3,42 +3,47 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 import mujoco_warp as mjw
+import numpy as np
 import torch
 import warp as wp
 
-from locomotion.config import ConfigError
-from locomotion.physics.base import CEILING, MOST_SPEED, MOST_STATE, Physics, require_plain
+from locomotion.options import ConfigError
+from locomotion.physics.base import Physics
 
-#: Steps of one graph, whose size and time to capture grow with them.
-_MOST_STEPS = 50
 #: Most contacts of a box on a plane, its face's corners.
 _CORNERS = 4
-#: What Warp notes when contacts or constraints had no room and were left out.
+#: Warp's notes that contacts or constraints had no room and were left out.
 _NO_ROOM = int(mjw.OverflowType.BROADPHASE | mjw.OverflowType.NARROWPHASE | mjw.OverflowType.NEFC)
 
 
 class WarpPhysics(Physics):
     """Steps all copies with MuJoCo Warp, on a GPU or on Warp's own CPU device.
 
-    Warp computes in float32, where a place kilometres away has no millimetres. So states are kept in
-    float64, and every step begins with each copy at Warp's origin and adds what it moved to its place:
-    a copy that is far away moves as one that is not. All of it stays on the device; the physics
-    steps of a control step are one graph, captured when a number of steps is first asked for.
+    Warp computes in float32, where a place kilometres away has no millimetres, nor an hour its
+    milliseconds. So states are kept in float64, and every step begins with each copy at Warp's origin and
+    at time 0, and adds what it moved to its place: a copy that is far away moves as one that is not. All
+    of it stays on the device; the physics steps of a control step are one graph, captured when a number
+    of steps is first asked for.
 
     Contacts are found as MuJoCo finds them. The solver stops at a tolerance of 1e-6 or the model's,
     whichever is larger, which is Warp's doing: float32 has no more digits. A copy that is not to be
     stepped is stepped with the others, and put back.
 
     Args:
-        model: compiled model; its state must be positions and velocities only.
+        model: the compiled model.
         num_envs: number of copies.
         device: ``cpu``, ``cuda:0`` and so on.
         contacts: how many contacts at once each copy has room for. ``None`` makes room for all
             that can be with the ground, and two for each geom that can touch another module.
     """
+
+    #: The size of a graph, and the time to capture it, grow with its steps.
+    MOST_STEPS = 50
 
     def __init__(
         self,
@@ -47,19 +52,17 @@ class WarpPhysics(Physics):
         device: str = "cpu",
         contacts: int | None = None,
     ) -> None:
-        require_plain(model)
-        self.model = model
-        self.num_envs = num_envs
-        self.device = torch.device(device)
+        super().__init__(model, num_envs, torch.device(device))
         self.contacts = contacts or suggested_contacts(model)
         self._warp_device = _warp_device(device)
-        self._qpos0 = torch.tensor(model.qpos0, device=self.device)
-        self._qpos = self._qpos0.repeat(num_envs, 1)
-        self._qvel = self._qpos.new_zeros(num_envs, model.nv)
+        self._motion = self.previous.clone()
         self._graphs: dict[int, wp.Graph] = {}
+        self._parameters: dict[str, torch.Tensor] = {}
         with wp.ScopedDevice(self._warp_device):
             self._model = mjw.put_model(_with_mujocos_contacts(model))
-            self._model.opt.warn_overflow = 0  # what matters of it is raised below
+            self._model.opt.warn_overflow = (
+                0  # a part of it is raised below, the rest does not matter
+            )
             # Robots share the room for contacts, but not that for constraints. One that has gone
             # wrong can be in the ground with all corners, and must not take the room of others.
             rows = _rows(model, self.contacts)
@@ -71,75 +74,111 @@ class WarpPhysics(Physics):
                 njmax_nnz=rows * model.nv,  # Warp's guess for long bodies could be too small
             )
             # Warp's arrays, seen by torch.
+            self._time32 = wp.to_torch(self._data.time)
             self._qpos32 = wp.to_torch(self._data.qpos)
             self._qvel32 = wp.to_torch(self._data.qvel)
             self._control = wp.to_torch(self._data.ctrl)
             self._overflow = wp.to_torch(self._data.overflow)
+            self._history = wp.to_torch(self._data.history) if model.nhistory else None
+            self._moments = torch.as_tensor(_history_times(model), device=self.device)
             mjw.step(self._model, self._data)  # loads all kernels, before any capture
         # From here on all is done on torch's stream, and the above was not.
         wp.synchronize_device(self._warp_device)
+        if model.actuator_delay.any():
+            self.set_latency(float(model.actuator_delay.max()))
+        self.reset()
 
     @property
-    def qpos(self) -> torch.Tensor:
-        return self._qpos
+    def motion(self) -> torch.Tensor:
+        return self._motion
 
     @property
-    def qvel(self) -> torch.Tensor:
-        return self._qvel
+    def control(self) -> torch.Tensor:
+        return self._control
 
-    def reset(self, where: torch.Tensor | None = None) -> None:
+    def field(self, name: str) -> torch.Tensor:
+        if name == "time":
+            return self._motion[:, 0]
+        if name in ("qpos", "qvel"):
+            return getattr(self, name)
+        return wp.to_torch(getattr(self._data, name))
+
+    def expand(self, name: str) -> torch.Tensor:
+        if name not in self._parameters:
+            shared = getattr(self._model, name)
+            repeated = np.repeat(shared.numpy()[:1], self.num_envs, axis=0)
+            own = wp.array(repeated, dtype=shared.dtype, device=self._warp_device)
+            setattr(self._model, name, own)
+            self._parameters[name] = wp.to_torch(own)
+            self._graphs.clear()  # they read the shared one
+        return self._parameters[name]
+
+    def set_const(self) -> None:
+        # Constants that depend on others have a value for each copy too.
+        for name in ("body_subtreemass", "body_invweight0", "dof_invweight0", "actuator_acc0"):
+            self.expand(name)
+        with wp.ScopedDevice(self._warp_device):
+            mjw.set_const(self._model, self._data)
+
+    def forward(self) -> None:
+        self._load()
+        with wp.ScopedDevice(self._warp_device):
+            mjw.forward(self._model, self._data)
+
+    def _reset(self, where: torch.Tensor | None) -> None:
         rows = slice(None) if where is None else where
-        self._qpos[rows] = self._qpos0
-        self._qvel[rows] = 0.0
+        self._motion[rows] = 0.0
+        self._motion[rows, 1 : 1 + self.model.nq] = torch.as_tensor(
+            self.model.qpos0, device=self.device
+        )
+        self._control[rows] = 0.0
+        if self._history is not None:
+            mask = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
+            chosen = mask if where is None else where.contiguous()
+            with wp.ScopedDevice(self._warp_device):
+                mjw.reset_history(self._model, self._data, wp.from_torch(chosen))
 
-    def step(
-        self, control: torch.Tensor, num_steps: int, where: torch.Tensor | None = None
-    ) -> torch.Tensor | None:
-        if num_steps == 0:
-            return None
-        self._control.copy_(control)
+    def _advance(self, num_steps: int, where: torch.Tensor | None) -> None:
+        kept = None if where is None or self._history is None else self._history.clone()
+        time, xy = self._motion[:, :1].clone(), self._motion[:, 1:3].clone()
+        self._load()
         self._overflow.zero_()
-        qpos, qvel, wrong = self._qpos, self._qvel, None
-        for done in range(0, num_steps, _MOST_STEPS):
-            steps = min(_MOST_STEPS, num_steps - done)
-            qpos, qvel, sound = self._advance(qpos, qvel, steps)
-            wrong = ~sound if wrong is None else wrong | ~sound
-        crowded = ((self._overflow & _NO_ROOM) != 0) & ~wrong
-        # The only place where the host waits for the device.
-        any_crowded, any_wrong = torch.stack([crowded.any(), wrong.any()]).tolist()
-        if any_crowded:
+        self._launch(num_steps)
+        end = torch.cat([self._time32[:, None], self._qpos32, self._qvel32], 1).double()
+        end[:, 1:3] += xy
+        end[:, :1] += time
+        if where is not None:
+            end = torch.where(where[:, None], end, self._motion)
+        self._motion.copy_(end)
+        if self._history is not None:
+            self._history[:, self._moments] += time.float()
+            if kept is not None:
+                self._history.copy_(torch.where(where[:, None], self._history, kept))
+        self._crowded = (self._overflow & _NO_ROOM) != 0
+
+    def _load(self) -> None:
+        """Gives Warp the states, each at the origin and at time 0."""
+        nq = self.model.nq
+        if self._history is not None:
+            self._history[:, self._moments] -= self._motion[:, :1].float()
+        self._time32.zero_()
+        self._qpos32.copy_(self._motion[:, 1 : 1 + nq])
+        self._qpos32[:, :2] = 0.0
+        self._qvel32.copy_(self._motion[:, 1 + nq :])
+
+    def _any(self, wrong: torch.Tensor) -> bool:
+        crowded, any_wrong = torch.stack([(self._crowded & ~wrong).any(), wrong.any()]).tolist()
+        if crowded:
             raise ConfigError(
                 f"robots have more contacts at once than the {self.contacts} each that there is"
                 f" room for; physics.contacts={2 * self.contacts} gives them more"
             )
-        if any_wrong:
-            self._put_back(qpos, qvel, wrong)
-        if where is not None:
-            wrong &= where
-            qpos = torch.where(where[:, None], qpos, self._qpos)
-            qvel = torch.where(where[:, None], qvel, self._qvel)
-        self._qpos.copy_(qpos)
-        self._qvel.copy_(qvel)
-        return wrong if any_wrong and wrong.any() else None
-
-    def _advance(
-        self, qpos: torch.Tensor, qvel: torch.Tensor, num_steps: int
-    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Positions and velocities after so many steps, and which copies are sound."""
-        self._qpos32.copy_(qpos)
-        self._qpos32[:, :2] = 0.0
-        self._qvel32.copy_(qvel)
-        self._launch(num_steps)
-        end_qpos, end_qvel = self._qpos32.double(), self._qvel32.double()
-        reach = MOST_SPEED * num_steps * self.model.opt.timestep
-        sound = (end_qpos[:, :2].abs() <= reach).all(1)
-        end_qpos[:, :2] += qpos[:, :2]
-        return end_qpos, end_qvel, sound & _is_sound(end_qpos, end_qvel)
+        return any_wrong
 
     def _launch(self, num_steps: int) -> None:
         if num_steps not in self._graphs:
             self._graphs[num_steps] = self._capture(num_steps)
-        # What torch has queued comes before, and what it will queue after.
+        # Torch's queue so far comes before it, and what torch will queue after.
         stream = wp.stream_from_torch(self.device) if self._warp_device.is_cuda else None
         wp.capture_launch(self._graphs[num_steps], stream)
 
@@ -149,16 +188,27 @@ class WarpPhysics(Physics):
                 mjw.step(self._model, self._data)
         return capture.graph
 
-    def _put_back(self, qpos: torch.Tensor, qvel: torch.Tensor, wrong: torch.Tensor) -> None:
-        """Replaces what copies came to by where they were, or by the initial state."""
-        lost = wrong & ~_is_sound(self._qpos, self._qvel)
-        qpos[wrong] = self._qpos[wrong]
-        qvel[wrong] = self._qvel[wrong]
-        qpos[lost] = self._qpos0
-        qvel[lost] = 0.0
+    def _cleanse(self, wrong: torch.Tensor) -> None:
         # Warp multiplies constraints that are no longer there by 0, which leaves a nan what it is.
         for left_over in (self._data.efc.J, self._data.efc.D):
             wp.to_torch(left_over)[wrong] = 0.0
+
+    def state_dict(self) -> dict[str, Any]:
+        state = {"motion": self._motion.clone(), "control": self._control.clone()}
+        if self._history is not None:
+            state["history"] = self._history.clone()
+        return {
+            **state,
+            "parameters": {name: value.clone() for name, value in self._parameters.items()},
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        for name, value in state["parameters"].items():
+            self.expand(name).copy_(value)
+        self._motion.copy_(state["motion"])
+        self._control.copy_(state["control"])
+        if self._history is not None:
+            self._history.copy_(state["history"])
 
     def close(self) -> None:
         self._graphs.clear()
@@ -194,11 +244,16 @@ def _with_mujocos_contacts(model: mujoco.MjModel) -> mujoco.MjModel:
     return model
 
 
-def _is_sound(qpos: torch.Tensor, qvel: torch.Tensor) -> torch.Tensor:
-    """Which states, a row each, may be stepped from; written so that what is no number fails."""
-    return (
-        qpos[:, :2].isfinite().all(1)
-        & (qpos[:, 2].abs() <= CEILING)
-        & (qpos[:, 2:].abs() <= MOST_STATE).all(1)
-        & (qvel.abs() <= MOST_STATE).all(1)
-    )
+def _history_times(model: mujoco.MjModel) -> np.ndarray:
+    """Which numbers of a history are times: of each buffer, those after its user value and cursor."""
+    return np.concatenate(
+        [np.zeros(0, np.int64)]
+        + [
+            address + 2 + np.arange(samples)
+            for address, samples in (
+                *zip(model.actuator_historyadr, model.actuator_history[:, 0]),
+                *zip(model.sensor_historyadr, model.sensor_history[:, 0]),
+            )
+            if samples
+        ]
+    ).astype(np.int64)

@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from locomotion.config import free_keys
+from locomotion.options import ConfigError
 from locomotion.plots.observations import observations_name
-from locomotion.runs import RunError, free_keys, read_record
+from locomotion.runs import RunError, read_config, read_record
 from locomotion.writing import replacing
 
 #: The report's curves, read off its pictures (see ``README.md`` beside the file).
@@ -53,7 +55,7 @@ def find_runs(place: Path) -> list[Path]:
         return [place]
     runs = sorted(path.parent for path in place.rglob("metrics.csv"))
     if not runs:
-        raise RunError(f"{place} holds no metrics.csv, so it is no run's folder")
+        raise RunError(f"{place} holds no metrics.csv, so it is not a run's folder")
     return runs
 
 
@@ -70,7 +72,7 @@ def read_metrics(run: Path) -> np.ndarray:
     """
     path = run / "metrics.csv"
     if not path.is_file():
-        raise RunError(f"{run} holds no metrics.csv, so it is no run's folder")
+        raise RunError(f"{run} holds no metrics.csv, so it is not a run's folder")
     with path.open(errors="replace") as lines:
         complete = [line for line in lines if line.endswith("\n")]
     if len(complete) < 2:
@@ -82,7 +84,8 @@ def read_metrics(run: Path) -> np.ndarray:
     for column in COLUMNS:
         if column not in metrics.dtype.names:
             raise RunError(f"{path} has no column {column}")
-        if not np.isfinite(metrics[column]).all():
+        unknown = np.isnan(metrics[column]) & (column == "mean_value")  # not every learner has one
+        if not (np.isfinite(metrics[column]) | unknown).all():
             raise RunError(f"{path} has a {column} that is no number")
     return metrics
 
@@ -93,12 +96,14 @@ def read_run(run: Path) -> Curve:
     Raises:
         RunError: if the folder is no run, or the run has no row yet.
     """
-    record = read_record(run)
+    record = read_config(run)
     try:
-        robot, seed = record["robot.name"], record["seed"]
-        observations = observations_name(record["obs.hinge_steps"], record["obs.orientation"])
+        robot, seed = record["robot"]["name"], record["seed"]
+        observations = observations_name(record["obs"])
     except KeyError as error:
         raise RunError(f"{run}/.hydra/config.yaml has no {error.args[0]}") from None
+    except (AttributeError, TypeError, ConfigError) as error:
+        raise RunError(f"{run}/.hydra/config.yaml is not of this project: {error}") from None
     metrics = read_metrics(run)
     return Curve(robot, observations, seed, *(metrics[column] for column in COLUMNS))
 

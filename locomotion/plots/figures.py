@@ -188,7 +188,8 @@ def _name(reference: Sequence[Curve]) -> str:
 def _finish(axes: Axes, ylabel: str, title: str = "") -> None:
     # Lines set the scale, not bands: the interval of three seeds is far wider than they are apart.
     drawn = np.concatenate([line.get_ydata() for line in axes.lines])
-    low, high = np.nanmin(drawn), np.nanmax(drawn)
+    drawn = drawn[np.isfinite(drawn)]
+    low, high = (drawn.min(), drawn.max()) if len(drawn) else (0.0, 1.0)
     margin = 0.08 * (high - low) or 0.01
     axes.set(xlabel="iteration", ylabel=ylabel, title=title, ylim=(low - margin, high + margin))
     axes.margins(x=0.01)

@@ -3,35 +3,65 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
+from typing import Any
 
-from locomotion.config import ObsConfig, conf_dir, load
+from locomotion.envs.observations import ObsTerm, Representation
+from locomotion.options import conf_dir, typed
+from locomotion.options.files import read_yaml
+
+Terms = dict[str, ObsTerm]
 
 
-def observations_name(hinge_steps: int, orientation: str | None) -> str:
-    """What ``+obs=NAME`` calls these observations, or a description such as ``5 steps + gravity``."""
+def observations_name(terms: Mapping[str, Any]) -> str:
+    """What ``+obs=NAME`` calls some terms, or a description such as ``5 steps + gravity``.
+
+    Args:
+        terms: by name, as in the ``obs`` of a configuration.
+
+    Raises:
+        ConfigError: if they are not terms.
+    """
+    found = _typed(terms)
     for name, known in _choices().items():
-        if known == (hinge_steps, orientation):
+        if known == found:
             return name
-    return _description(hinge_steps, orientation)
+    return _description(found)
 
 
 def observations_label(name: str) -> str:
-    """A name from :func:`observations_name`, with what it means."""
+    """A name from :func:`observations_name`, with its meaning."""
     choice = _choices().get(name)
-    return name if choice is None else f"{name}: {_description(*choice)}"
+    return name if choice is None else f"{name}: {_description(choice)}"
 
 
-def _description(hinge_steps: int, orientation: str | None) -> str:
-    steps = "1 step" if hinge_steps == 1 else f"{hinge_steps} steps"
-    if orientation is None:
-        return steps
-    return f"{steps} + {'orientation' if orientation == 'quaternion' else orientation}"
+def _typed(terms: Mapping[str, Any]) -> Terms:
+    found = {
+        name: typed(ObsTerm, term or {}, prefix=f"obs.{name}.") for name, term in terms.items()
+    }
+    for term in found.values():  # the quaternion is how an orientation is read
+        if term.representation is Representation.quaternion:
+            term.representation = None
+    return found
+
+
+def _description(terms: Terms) -> str:
+    parts = []
+    for name, term in terms.items():
+        words = []
+        if name == "hinge_position" or term.steps > 1:
+            words.append("1 step" if term.steps == 1 else f"{term.steps} steps")
+        if name == "core_orientation":
+            words.append(term.representation.value if term.representation else "orientation")
+        elif name != "hinge_position":
+            words.append(name.replace("_", " "))
+        if term.scale != 1.0:
+            words.append(f"x {term.scale:g}")
+        parts.append(" ".join(words))
+    return " + ".join(parts)
 
 
 @functools.cache
-def _choices() -> dict[str, tuple[int, str | None]]:
-    choices = {}
-    for path in sorted((conf_dir() / "obs").glob("*.yaml")):
-        choice: ObsConfig = load(f"obs/{path.stem}")
-        choices[path.stem] = (choice.hinge_steps, choice.orientation and choice.orientation.value)
-    return choices
+def _choices() -> dict[str, Terms]:
+    paths = sorted((conf_dir() / "obs").glob("*.yaml"))
+    return {path.stem: _typed(read_yaml(path)) for path in paths}

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont
 
-from locomotion.config import ConfigError
+from locomotion.options import ConfigError
 from locomotion.rendering.graphics import ADVICE, has_screen
 from locomotion.rendering.motion import Motion
 from locomotion.writing import replacing

@@ -8,8 +8,8 @@ import time
 import mujoco
 import mujoco.viewer
 
-from locomotion.config import ConfigError
-from locomotion.gaits import Walker
+from locomotion.evaluation import Walker
+from locomotion.options import ConfigError
 from locomotion.physics import Physics
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from locomotion.gaits import Walker, walk
+from locomotion.evaluation import Walker, walk
 from locomotion.physics import Physics
 
 

@@ -16,10 +16,12 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from locomotion.options import Checked, ConfigError, conf_dir, key, load_file, typed
 from locomotion.robots.geometry import GEOMETRY, Box
 
 #: Longest chain of modules; what reads nested files gives up soon after.
@@ -28,6 +30,43 @@ MOST_NESTED = 40
 
 class BodyError(ValueError):
     """A body that cannot exist; the message names the module by its path."""
+
+
+@dataclasses.dataclass
+class RobotConfig(Checked):
+    """A robot: its name, and the tree of its modules."""
+
+    PREFIX = "robot."
+
+    name: str = key("name of the robot, in run folders and in the compiled model")
+    body: dict[str, Any] = key("tree of modules: module, rotation (degrees), children by face")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.name or "/" in self.name or not self.name.isprintable():
+            self.refuse("name", repr(self.name), "a name of printable characters without '/'")
+        try:
+            parse_body(self.body)
+        except BodyError as error:
+            raise ConfigError(f"robot {self.name}: {error}") from error
+
+
+def load_robot(robot: str | Path | RobotConfig | Mapping[str, Any]) -> RobotConfig:
+    """A robot by its name in ``conf/robot``, the path of a YAML file, or a mapping.
+
+    Raises:
+        ConfigError: for an unknown robot, or a body that cannot exist.
+    """
+    if isinstance(robot, RobotConfig):
+        return robot
+    if isinstance(robot, Mapping):
+        return typed(RobotConfig, dict(robot))
+    if isinstance(robot, Path) or robot.endswith((".yaml", ".yml")):
+        return load_file(Path(robot), RobotConfig)
+    known = sorted(file.stem for file in (conf_dir() / "robot").glob("*.yaml"))
+    if robot not in known:
+        raise ConfigError(f"robot={robot} is unknown; choose from {', '.join(known)}")
+    return load_file(conf_dir() / "robot" / f"{robot}.yaml", RobotConfig)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,7 +105,7 @@ def parse_body(tree: Mapping[str, Any]) -> Module:
 
     Raises:
         BodyError: for an unknown module or key, a face that the module lacks or that is used
-            twice, an angle that is no quarter turn, a root that is no core, a core elsewhere, a
+            twice, an angle that is not a quarter turn, a root that is no core, a core elsewhere, a
             body without hinges, two modules in one place, or too long a chain of modules.
     """
     core = _parse_module(tree, "core")
@@ -120,7 +159,9 @@ def _parse_module(tree: Any, path: str) -> Module:
 def _parse_rotation(rotation: Any, path: str) -> int:
     is_number = isinstance(rotation, (int, float)) and not isinstance(rotation, bool)
     if not is_number or rotation % 90 != 0:
-        raise BodyError(f"{path}: rotation {rotation!r} is no quarter turn; use 0, 90, 180 or 270")
+        raise BodyError(
+            f"{path}: rotation {rotation!r} is not a quarter turn; use 0, 90, 180 or 270"
+        )
     return int(rotation // 90) % 4
 
 

@@ -1,4 +1,4 @@
-"""Sizes and masses of the modules, the one place that holds them.
+"""Sizes, masses and properties of the modules: the one place that holds them.
 
 Figures are those of Revolve2's first modules. A module's frame has x pointing away from the
 module that carries it; the core's frame sits at its centre, every other module's on the face by
@@ -91,6 +91,12 @@ def _hinge() -> ModuleGeometry:
 
 GEOMETRY: dict[str, ModuleGeometry] = {"core": _core(), "brick": _brick(), "hinge": _hinge()}
 
+#: Sliding friction of all surfaces.
+FRICTION = 1.0
+#: A hinge's servo: stiffness (N·m/rad), damping (N·m·s/rad), and inertia of its rotor (kg·m²).
+STIFFNESS = 1.0
+DAMPING = 0.05
+ARMATURE = 0.002
 #: How far a hinge turns to either side (rad), its largest torque (N·m) and its top speed (rad/s).
 HINGE_RANGE = math.pi / 3
 HINGE_TORQUE = 0.948013269

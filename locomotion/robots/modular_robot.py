@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
 
 from dm_control import composer, mjcf
-from dm_control.composer.observation import observable
 
 from locomotion.robots.body import Module, parse_body, placed_boxes
+from locomotion.robots.geometry import ARMATURE, DAMPING, FRICTION, STIFFNESS
 from locomotion.robots.modules import ActiveHinge, Brick, Core
 
 _RIGID = {"core": Core, "brick": Brick}
@@ -32,6 +33,8 @@ class ModularRobot(composer.Entity):
         armature: inertia of the motors' rotors as seen by the joints (kg·m²).
         mass_scale: factor on the masses of all modules.
         strength_scale: factor on the torque of all servos.
+        self_collision: whether the robot's limbs collide with one another. Parts on both sides of a
+            hinge never do; robots always collide with other robots.
 
     Raises:
         BodyError: if the body cannot exist.
@@ -41,12 +44,13 @@ class ModularRobot(composer.Entity):
         self,
         body: Module | Mapping[str, Any],
         name: str = "robot",
-        friction: float = 1.0,
-        stiffness: float = 1.0,
-        damping: float = 0.05,
-        armature: float = 0.002,
+        friction: float = FRICTION,
+        stiffness: float = STIFFNESS,
+        damping: float = DAMPING,
+        armature: float = ARMATURE,
         mass_scale: float = 1.0,
         strength_scale: float = 1.0,
+        self_collision: bool = False,
     ) -> None:
         self._body = body if isinstance(body, Module) else parse_body(body)
         self._material = {"friction": friction, "mass_scale": mass_scale}
@@ -61,7 +65,18 @@ class ModularRobot(composer.Entity):
         self._mjcf_root.compiler.fusestatic = True
         self._core = Core(name="core", **self._material)
         self.attach(self._core, self._mjcf_root.worldbody.add("site", name="origin", group=4))
+        self._modules: dict[str, composer.Entity] = {self._body.path: self._core}
         self._attach_children(self._core, self._body)
+        self._self_collision = self_collision
+        if not self_collision:
+            self._exclude_own_contacts()
+
+    def _exclude_own_contacts(self) -> None:
+        # All other bodies are rigid with one of these, and share its exclusions once fused.
+        moving = [mjcf.get_attachment_frame(self._core.mjcf_model)]
+        moving += [hinge.arm for hinge in self._hinges.values()]
+        for one, other in itertools.combinations(moving, 2):
+            self._mjcf_root.contact.add("exclude", body1=one, body2=other)
 
     def _attach_children(self, parent: composer.Entity, module: Module) -> None:
         for face, child in module.children.items():
@@ -70,6 +85,7 @@ class ModularRobot(composer.Entity):
                 self._hinges[child.path] = entity
             else:
                 entity = _RIGID[child.kind](name=face, **self._material)
+            self._modules[child.path] = entity
             frame = parent.attach(entity, parent.attachment_sites[face])
             half_angle = child.quarter_turns * math.pi / 4
             # The frame takes the site's pose; the child is turned about its own x axis on top.
@@ -77,9 +93,6 @@ class ModularRobot(composer.Entity):
             cos, sin = math.cos(half_angle), math.sin(half_angle)
             frame.quat = (w * cos, w * sin, z * sin, z * cos)
             self._attach_children(entity, child)
-
-    def _build_observables(self) -> ModularRobotObservables:
-        return ModularRobotObservables(self)
 
     @property
     def mjcf_model(self) -> mjcf.RootElement:
@@ -94,6 +107,16 @@ class ModularRobot(composer.Entity):
     def core(self) -> Core:
         """The module at the root of the tree."""
         return self._core
+
+    @property
+    def modules(self) -> dict[str, composer.Entity]:
+        """All modules by their path, parents first."""
+        return self._modules
+
+    @property
+    def self_collision(self) -> bool:
+        """Whether the robot's limbs collide with one another."""
+        return self._self_collision
 
     @property
     def hinges(self) -> dict[str, ActiveHinge]:
@@ -126,27 +149,3 @@ class ModularRobot(composer.Entity):
     def standing_height(self) -> float:
         """Height of the core's centre (m) when the robot stands with all hinges at 0."""
         return max(lengths[2] / 2 - centre[2] for _, _, centre, lengths in placed_boxes(self._body))
-
-
-class ModularRobotObservables(composer.Observables):
-    """What a robot senses, for ``composer.Environment``."""
-
-    @composer.observable
-    def hinge_position(self) -> observable.MJCFFeature:
-        """Angles of all hinges (rad)."""
-        return observable.MJCFFeature("qpos", self._entity.hinge_joints)
-
-    @composer.observable
-    def hinge_velocity(self) -> observable.MJCFFeature:
-        """Speeds of all hinges (rad/s)."""
-        return observable.MJCFFeature("qvel", self._entity.hinge_joints)
-
-    @composer.observable
-    def core_position(self) -> observable.MJCFFeature:
-        """Position of the core in the world (m)."""
-        return observable.MJCFFeature("xpos", self._entity.root_body)
-
-    @composer.observable
-    def core_orientation(self) -> observable.MJCFFeature:
-        """Orientation of the core in the world, a unit quaternion w x y z."""
-        return observable.MJCFFeature("xquat", self._entity.root_body)

@@ -6,7 +6,17 @@ import math
 
 from dm_control import composer, mjcf
 
-from locomotion.robots.geometry import GEOMETRY, HINGE_RANGE, HINGE_TORQUE, Box, Face
+from locomotion.robots.geometry import (
+    ARMATURE,
+    DAMPING,
+    FRICTION,
+    GEOMETRY,
+    HINGE_RANGE,
+    HINGE_TORQUE,
+    STIFFNESS,
+    Box,
+    Face,
+)
 
 _COLOURS = {
     "core": (0.93, 0.60, 0.18, 1.0),
@@ -18,7 +28,7 @@ _COLOURS = {
 
 
 class _Module(composer.Entity):
-    """What all modules share; a subclass builds the model and its attachment sites."""
+    """Base class of the modules; a subclass builds the model and its attachment sites."""
 
     _mjcf_root: mjcf.RootElement
     _attachment_sites: dict[str, mjcf.Element]
@@ -45,7 +55,7 @@ class _RigidModule(_Module):
     KIND: str
 
     def _build(
-        self, name: str | None = None, friction: float = 1.0, mass_scale: float = 1.0
+        self, name: str | None = None, friction: float = FRICTION, mass_scale: float = 1.0
     ) -> None:
         self._mjcf_root = _new_model(name or self.KIND)
         for box in GEOMETRY[self.KIND].boxes:
@@ -76,8 +86,8 @@ class ActiveHinge(_Module):
 
     The frame is rigid with the parent; servo and end plate turn with the arm, by at most 60
     degrees to either side. The servo's torque is ``stiffness * (target - position) - damping *
-    velocity``, limited to 0.948 N·m, all of it times ``strength_scale``. MuJoCo has no limit on a joint's speed, so the motor's top
-    speed of 6.34 rad/s is not enforced.
+    velocity``, limited to 0.948 N·m, all of it times ``strength_scale``. MuJoCo has no limit on a
+    joint's speed, so the motor's top speed of 6.34 rad/s is not enforced.
 
     Args:
         name: name of the module's MJCF model.
@@ -92,10 +102,10 @@ class ActiveHinge(_Module):
     def _build(
         self,
         name: str = "hinge",
-        friction: float = 1.0,
-        stiffness: float = 1.0,
-        damping: float = 0.05,
-        armature: float = 0.002,
+        friction: float = FRICTION,
+        stiffness: float = STIFFNESS,
+        damping: float = DAMPING,
+        armature: float = ARMATURE,
         mass_scale: float = 1.0,
         strength_scale: float = 1.0,
     ) -> None:
@@ -104,7 +114,7 @@ class ActiveHinge(_Module):
         self._mjcf_root = _new_model(name)
         for box in geometry.boxes:
             _add_box(self._mjcf_root.worldbody, box, (0.0, 0.0, 0.0), friction, mass_scale)
-        arm = self._mjcf_root.worldbody.add("body", name="arm", pos=pivot)
+        self._arm = arm = self._mjcf_root.worldbody.add("body", name="arm", pos=pivot)
         self._joint = arm.add(
             "joint",
             name="hinge",
@@ -131,6 +141,11 @@ class ActiveHinge(_Module):
             forcelimited=True,
             forcerange=(-strength_scale * HINGE_TORQUE, strength_scale * HINGE_TORQUE),
         )
+
+    @property
+    def arm(self) -> mjcf.Element:
+        """The body that the hinge turns."""
+        return self._arm
 
     @property
     def end_plate(self) -> mjcf.Element:
@@ -161,7 +176,6 @@ def _add_box(
     friction: float,
     mass_scale: float,
 ) -> None:
-    # Modules collide with the ground (contype 1 meets conaffinity 1) and not with one another.
     body.add(
         "geom",
         name=box.name,
@@ -170,9 +184,7 @@ def _add_box(
         size=[length / 2 for length in box.lengths],
         mass=mass_scale * box.mass,
         rgba=_COLOURS[box.name],
-        friction=(friction, 0.005, 0.0001),
-        contype=0,
-        conaffinity=1,
+        friction=(friction,),
     )
 
 

@@ -1,13 +1,12 @@
-"""What a run leaves in its folder: its record, checkpoints, metrics, and the loggers beside them.
+"""What a run leaves in its folder: its record, checkpoints, metrics, and the loggers that show them.
 
-Only what is light is imported here; the rest is taken from its module.
+Only light modules are imported here; the others are imported by name.
 """
 
 from locomotion.runs.folder import (
     RunError,
     RunStopped,
     differences,
-    free_keys,
     is_finished,
     read_config,
     read_record,
@@ -18,7 +17,6 @@ __all__ = [
     "RunError",
     "RunStopped",
     "differences",
-    "free_keys",
     "is_finished",
     "read_config",
     "read_record",

@@ -5,23 +5,20 @@ Nothing here imports anything heavy, so that a whole sweep is checked before tor
 
 from __future__ import annotations
 
-import dataclasses
-import enum
-import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
-from omegaconf import MISSING, OmegaConf
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from locomotion.config import Config, flat
+from locomotion.config import Config, as_dict, flat, free_keys
 from locomotion.writing import replacing
 
 
 class RunError(ValueError):
-    """A folder that is no run, or not the one that is wanted; the message is one line that names it."""
+    """A folder that is not a run, or not the one that is wanted; the message is one line that names it."""
 
 
 class RunStopped(RuntimeError):
@@ -29,7 +26,7 @@ class RunStopped(RuntimeError):
 
 
 def record(folder: Path, **files: Any) -> None:
-    """Writes what a run is started with into ``.hydra/``, where Hydra would write it.
+    """Writes the start of a run into ``.hydra/``, where Hydra would write it.
 
     Hydra itself writes before it calls the job, so it would also write into the folder of a finished
     run, which a sweep only skips.
@@ -57,7 +54,9 @@ def read_config(folder: Path) -> dict[str, Any]:
     try:
         content = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
     except FileNotFoundError:
-        raise RunError(f"{folder} holds no .hydra/config.yaml, so it is no run's folder") from None
+        raise RunError(
+            f"{folder} holds no .hydra/config.yaml, so it is not a run's folder"
+        ) from None
     except RecursionError:
         raise RunError(f"{path} is nested too deeply") from None
     except (OSError, ValueError, yaml.YAMLError, OmegaConfBaseException) as error:
@@ -70,12 +69,10 @@ def read_config(folder: Path) -> dict[str, Any]:
 def read_record(folder: Path) -> dict[str, Any]:
     """The configuration that a run was started with, by keys such as ``ppo.gamma``.
 
-    Keys that are younger than the run have the value that it had without them.
-
     Raises:
         RunError: if there is none, or it cannot be read.
     """
-    return {**_before(), **dict(flat(read_config(folder)))}
+    return dict(flat(read_config(folder)))
 
 
 def is_finished(folder: Path, config: Config) -> bool:
@@ -96,10 +93,11 @@ def is_finished(folder: Path, config: Config) -> bool:
         return False
     for there, asked in differences(folder, config).values():
         raise RunError(f"{folder} holds a run with {there}; with {asked} it needs another folder")
+    iterations = config.learner.iterations
     rows = metrics.read_bytes().count(b"\n") - 1
-    last = folder / "checkpoints" / f"{config.ppo.iterations:06d}.ckpt"
+    last = folder / "checkpoints" / f"{iterations:06d}.ckpt"
     picture = folder / "learning_curve.png"
-    return rows == config.ppo.iterations and last.is_file() and picture.is_file()
+    return rows == iterations and last.is_file() and picture.is_file()
 
 
 def differences(folder: Path, config: Config) -> dict[str, tuple[str, str]]:
@@ -110,7 +108,7 @@ def differences(folder: Path, config: Config) -> dict[str, tuple[str, str]]:
     Raises:
         RunError: if the folder is no run's.
     """
-    wanted = dict(flat(OmegaConf.to_container(OmegaConf.structured(config), enum_to_str=True)))
+    wanted = dict(flat(as_dict(config)))
     found = read_record(folder)
     free = free_keys()
 
@@ -124,25 +122,3 @@ def differences(folder: Path, config: Config) -> dict[str, tuple[str, str]]:
         for key in [*wanted, *(found.keys() - wanted.keys())]
         if key not in free and shown(found, key) != shown(wanted, key)
     }
-
-
-def free_keys() -> frozenset[str]:
-    """The keys of a configuration that do not change the numbers of a run, such as ``physics.threads``."""
-    return frozenset(key for key, field in _keys(Config) if field.metadata.get("free"))
-
-
-def _before() -> dict[str, Any]:
-    """By key, what is meant by records that do not have it, in the words of a record."""
-    values = {key: field.default for key, field in _keys(Config) if field.default != MISSING}
-    return {
-        key: value.name if isinstance(value, enum.Enum) else value for key, value in values.items()
-    }
-
-
-def _keys(schema: type, prefix: str = "") -> Iterator[tuple[str, dataclasses.Field]]:
-    types = typing.get_type_hints(schema)
-    for field in dataclasses.fields(schema):
-        if dataclasses.is_dataclass(types[field.name]):
-            yield from _keys(types[field.name], f"{prefix}{field.name}.")
-        else:
-            yield f"{prefix}{field.name}", field

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from omegaconf import OmegaConf
 
-from locomotion.config import Config, LoggerBackend
+from locomotion.config import Config, LoggerBackend, as_dict
 from locomotion.runs import RunError
 from locomotion.writing import replacing
 
@@ -74,7 +74,7 @@ class TensorBoard(RunLogger):
             self._logger.experiment.close()
             self._logger.experiment.purge_step = frames + 1
         else:
-            text = OmegaConf.to_yaml(OmegaConf.structured(config))
+            text = OmegaConf.to_yaml(as_dict(config))
             indented = "".join(f"    {line}\n" for line in text.splitlines())
             self._logger.experiment.add_text("configuration", indented, 0)
 
@@ -124,7 +124,7 @@ class WeightsAndBiases(RunLogger):
             raise RunError(
                 f"logger=wandb: {reason} WANDB_MODE=offline works without an account"
             ) from error
-        self._logger.log_hparams(OmegaConf.structured(config))
+        self._logger.log_hparams(as_dict(config))
 
     def log(self, row: Mapping[str, float]) -> None:
         self._logger.experiment.log(dict(row), step=int(row["frames"]))

@@ -5,5 +5,6 @@ Nothing here imports the rest of this package.
 
 from locomotion.transforms.hinge_history import HingeHistory
 from locomotion.transforms.orientation import IncludeOrientation
+from locomotion.transforms.sensor_noise import SensorNoise
 
-__all__ = ["HingeHistory", "IncludeOrientation"]
+__all__ = ["HingeHistory", "IncludeOrientation", "SensorNoise"]

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import operator
+from collections.abc import Mapping, Sequence
 
 import torch
 from tensordict import TensorDictBase
 from tensordict.utils import NestedKey, unravel_key
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import CatFrames, Transform
+
+from locomotion.transforms.keys import as_keys, entry
 
 
 class HingeHistory(Transform):
@@ -17,10 +20,9 @@ class HingeHistory(Transform):
     For an entry of shape ``(*batch, n)`` it writes one of shape ``(*batch, steps * n)``: first the
     current value, then the one a step ago, and so on. Made for hinge positions, it takes any vector.
 
-    The history travels in the tensordict, as a step count does, so the transform has no state of
-    its own: a checkpoint of the data is a checkpoint of the history, and robots reset alone start
-    from zeros alone. What :meth:`~torchrl.envs.EnvBase.step` is given must therefore carry the
-    history that ``reset`` or the last step wrote.
+    The memory is the transform's own, as that of :class:`~torchrl.envs.CatFrames` is: transforms that
+    follow may scale, rename or drop the entry. It begins anew for the environments that are reset,
+    alone or with others, and is part of ``state_dict()``.
 
     In a replay buffer it builds the same entries from stored trajectories whose last dimension is
     time, with :class:`~torchrl.envs.CatFrames`: it needs ``("next", "done")`` to see where
@@ -29,16 +31,17 @@ class HingeHistory(Transform):
 
     Args:
         steps: how many values to stack; 1 copies the current one.
-        in_keys: entries to remember.
+        in_keys: entries to remember: a list of keys, or one, which may be nested.
         out_keys: where their histories go; by default ``in_keys`` with ``_history`` appended.
 
     Raises:
-        ValueError: if ``steps`` is less than 1, or the numbers of keys differ.
+        ValueError: if ``steps`` is not a whole number of at least 1, or the numbers of keys differ.
+        KeyError: when used where an entry of ``in_keys`` is not there.
 
     Examples:
-        >>> from torchrl.envs import PendulumEnv, TransformedEnv
+        >>> from torchrl.envs import PendulumEnv, TransformedEnv, UnsqueezeTransform
         >>> env = TransformedEnv(PendulumEnv(), UnsqueezeTransform(-1, ["th"], ["angle"]))
-        >>> env.append_transform(HingeHistory(3, in_keys=["angle"]))
+        >>> env = env.append_transform(HingeHistory(3, in_keys=["angle"]))
         >>> env.reset()["angle_history"].shape
         torch.Size([3])
     """
@@ -46,48 +49,76 @@ class HingeHistory(Transform):
     def __init__(
         self,
         steps: int,
-        in_keys: Sequence[NestedKey] = ("hinge_position",),
-        out_keys: Sequence[NestedKey] | None = None,
+        in_keys: Sequence[NestedKey] | NestedKey = "hinge_position",
+        out_keys: Sequence[NestedKey] | NestedKey | None = None,
     ) -> None:
-        if steps < 1:
-            raise ValueError(f"steps must be at least 1, got {steps}")
-        in_keys = [unravel_key(key) for key in in_keys]
-        if out_keys is None:
-            out_keys = [_renamed(key) for key in in_keys]
+        try:
+            whole = operator.index(steps)
+        except TypeError:
+            whole = 0
+        if whole < 1 or isinstance(steps, bool):
+            raise ValueError(f"steps must be a whole number of at least 1, got {steps!r}")
+        in_keys = as_keys(in_keys)
+        out_keys = [_renamed(key) for key in in_keys] if out_keys is None else as_keys(out_keys)
         if len(out_keys) != len(in_keys):
             raise ValueError(f"got {len(in_keys)} in_keys but {len(out_keys)} out_keys")
         super().__init__(in_keys=in_keys, out_keys=out_keys)
-        self.steps = steps
+        self.steps = whole
+        self._memory: list[torch.Tensor | None] = [None] * len(in_keys)
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        for in_key, out_key in zip(self.in_keys, self.out_keys):
-            value = tensordict_reset.get(in_key)
-            older = value.new_zeros(*value.shape[:-1], (self.steps - 1) * value.shape[-1])
-            tensordict_reset.set(out_key, torch.cat([value, older], -1))
+        for index, (in_key, out_key) in enumerate(zip(self.in_keys, self.out_keys)):
+            value = entry(tensordict_reset, in_key, self)
+            fresh = torch.cat([value, self._zeros(value)], -1)
+            where = self._where(tensordict, in_key, value)
+            memory = self._memory[index]
+            if where is not None and memory is not None and memory.shape == fresh.shape:
+                fresh = torch.where(where, fresh, memory)
+            self._memory[index] = fresh
+            tensordict_reset.set(out_key, fresh.clone())
         return tensordict_reset
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        for in_key, out_key in zip(self.in_keys, self.out_keys):
-            history = tensordict.get(out_key)
-            following = torch.empty_like(history)
-            self.write(next_tensordict.get(in_key), history, following)
-            next_tensordict.set(out_key, following)
+        for index, (in_key, out_key) in enumerate(zip(self.in_keys, self.out_keys)):
+            value = entry(next_tensordict, in_key, self)
+            memory, n = self._memory[index], value.shape[-1]
+            if memory is None or memory.shape[:-1] != value.shape[:-1]:
+                older = self._zeros(value)
+            else:
+                older = memory[..., : (self.steps - 1) * n]
+            self._memory[index] = following = torch.cat([value, older], -1)
+            next_tensordict.set(out_key, following.clone())
         return next_tensordict
 
-    def write(self, value: torch.Tensor, history: torch.Tensor, out: torch.Tensor) -> None:
-        """Writes the history that follows on another one, for loops that keep memory of their own.
+    def _zeros(self, value: torch.Tensor) -> torch.Tensor:
+        return value.new_zeros(*value.shape[:-1], (self.steps - 1) * value.shape[-1])
 
-        Args:
-            value: what was observed, shape ``(*batch, n)``.
-            history: what was remembered before, shape ``(*batch, steps * n)``.
-            out: where the new history goes, shaped like ``history`` and apart from it.
-        """
-        n = value.shape[-1]
-        out[..., :n] = value
-        if self.steps > 1:
-            out[..., n:] = history[..., :-n]
+    def _where(
+        self, tensordict: TensorDictBase | None, in_key: NestedKey, value: torch.Tensor
+    ) -> torch.Tensor | None:
+        """The environments that are reset, by the flag that is nearest to an entry; ``None`` for all."""
+        if tensordict is None or self.parent is None:
+            return None
+        path = in_key[:-1] if isinstance(in_key, tuple) else ()
+        for depth in range(len(path), -1, -1):
+            key = unravel_key((*path[:depth], "_reset"))
+            where = tensordict.get(key, None)
+            if where is not None:
+                flags = where.shape == value.shape[:-1] or where.shape[-1] != 1
+                lead = where.shape if flags else where.shape[:-1]
+                return where.reshape(*lead, *[1] * (value.ndim - len(lead)))
+        return None
+
+    def get_extra_state(self) -> dict[str, torch.Tensor]:
+        """The memory, by the index of its entry; empty before the first reset."""
+        memory = enumerate(self._memory)
+        return {str(index): value.clone() for index, value in memory if value is not None}
+
+    def set_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        self._memory = [state.get(str(index)) for index in range(len(self.in_keys))]
+        self._memory = [value if value is None else value.clone() for value in self._memory]
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Builds the histories of stored trajectories, batch shape ``(*batch, time)``."""
@@ -110,7 +141,12 @@ class HingeHistory(Transform):
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         for in_key, out_key in zip(self.in_keys, self.out_keys):
-            spec = observation_spec[in_key]
+            spec = entry(observation_spec, in_key, self)
+            if spec.ndim <= observation_spec.ndim:
+                raise ValueError(
+                    f"HingeHistory: {in_key!r} is a number, not a vector; UnsqueezeTransform(-1) makes"
+                    " it one"
+                )
             observation_spec[out_key] = Unbounded(
                 (*spec.shape[:-1], self.steps * spec.shape[-1]),
                 dtype=spec.dtype,

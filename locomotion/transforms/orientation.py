@@ -9,6 +9,8 @@ from tensordict.utils import NestedKey
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import ObservationTransform
 
+from locomotion.transforms.keys import as_keys, entry
+
 
 class IncludeOrientation(ObservationTransform):
     """Writes an orientation, read from a unit quaternion, as an entry of its own.
@@ -46,15 +48,15 @@ class IncludeOrientation(ObservationTransform):
     def __init__(
         self,
         representation: str = "quaternion",
-        in_keys: Sequence[NestedKey] = ("core_orientation",),
-        out_keys: Sequence[NestedKey] = ("orientation",),
+        in_keys: Sequence[NestedKey] | NestedKey = "core_orientation",
+        out_keys: Sequence[NestedKey] | NestedKey = "orientation",
         part: slice | None = None,
     ) -> None:
         if representation not in _REPRESENTATIONS:
             raise ValueError(
                 f"representation {representation!r} must be one of {', '.join(_REPRESENTATIONS)}"
             )
-        super().__init__(in_keys=list(in_keys), out_keys=list(out_keys))
+        super().__init__(in_keys=as_keys(in_keys), out_keys=as_keys(out_keys))
         self.representation = representation
         self.part = part
         self._convert, self._size = _REPRESENTATIONS[representation]
@@ -70,19 +72,9 @@ class IncludeOrientation(ObservationTransform):
     def _reset(self, tensordict, tensordict_reset):
         return self._call(tensordict_reset)
 
-    def write(self, value: torch.Tensor, previous: torch.Tensor, out: torch.Tensor) -> None:
-        """Writes the orientation read from ``value``, for loops that keep memory of their own.
-
-        Args:
-            value: what was observed, its last dimension that of the input.
-            previous: not looked at; an orientation does not depend on the one before.
-            out: where the orientation goes, shape ``(*batch, size)``.
-        """
-        out.copy_(self._convert(self._quaternion(value)))
-
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         for in_key, out_key in zip(self.in_keys, self.out_keys):
-            spec = observation_spec[in_key]
+            spec = entry(observation_spec, in_key, self)
             length = len(range(spec.shape[-1])[self.part or slice(None)])
             if length != 4:
                 raise ValueError(f"{in_key!r} holds {length} numbers, a quaternion takes 4")

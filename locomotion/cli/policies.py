@@ -1,0 +1,176 @@
+"""The command lines of what is done with a policy: watching, evaluating and exporting it.
+
+They speak training's language of overrides. ``robot=NAME`` takes the policy that ships for a robot,
+``run=FOLDER`` one that was trained; the task can be changed on top by keys of ``env``, ``physics`` and
+``arena``, and the command has keys of its own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from locomotion.cli.composing import amend, parse, register
+from locomotion.cli.help import listed, summary
+from locomotion.cli.refusal import refusing, require_writable
+from locomotion.config import GROUPS, Config, described, typed_config
+from locomotion.options import ConfigError, typed
+from locomotion.quiet import quiet
+from locomotion.runs import RunError, read_config
+
+#: The policies that ship, each the folder of a run that holds nothing but its configuration and a
+#: checkpoint of the policy.
+POLICIES = Path(__file__).resolve().parents[1] / "data" / "policies"
+
+#: Parts of a run that may be changed under a policy.
+_CHANGEABLE = ("env", "physics", "arena", "seed", "plugins")
+
+_HELP = """{title}
+
+{examples}
+
+Keys of this command, set by KEY=VALUE
+{keys}
+
+Keys of the task, as the policy was trained on it unless set
+{task}
+
+--help shows this.
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Command:
+    """One of the commands.
+
+    Attributes:
+        schema: dataclass of its keys.
+        job: gets the run's folder, the configuration to walk with, and the command's keys.
+        title: the first line of ``--help``.
+        examples: some command lines with their meanings.
+        num_envs: how many robots there always are; ``None`` leaves it open.
+        check: looks, before torch is loaded, whether this machine can do it.
+    """
+
+    schema: type
+    job: Callable[[Path, Config, Any], None]
+    title: str
+    examples: str
+    num_envs: int | None = None
+    check: Callable[[Any], None] | None = None
+
+    def main(self) -> None:
+        """Does what the command line asks for.
+
+        What cannot be used ends the process with one line on standard error and exit status 2.
+        """
+        with refusing():
+            if {"--help", "-h"} & {*sys.argv[1:]}:
+                print(self._help())
+                return
+            folder, config, options = self._asked(sys.argv[1:])
+            if self.check is not None:
+                self.check(options)
+            with quiet():
+                self.job(folder, config, options)
+
+    @property
+    def _fixed(self) -> dict[str, Any]:
+        fixed: dict[str, Any] = {"time_limit": None}  # a walk is as long as the command says
+        return fixed if self.num_envs is None else {**fixed, "num_envs": self.num_envs}
+
+    def _asked(self, arguments: list[str]) -> tuple[Path, Config, Any]:
+        flags = [argument for argument in arguments if argument.startswith("-")]
+        if flags:
+            raise ConfigError(f"{flags[0]} is not a flag of this command; --help shows its keys")
+        overrides = parse(arguments, "for a policy that has been trained")
+        register([override.input_line for override in overrides])
+        names = {field.name for field in dataclasses.fields(self.schema)}
+        chosen: dict[str, Any] = {}
+        own, task = {}, []
+        for override in overrides:
+            key, value = override.key_or_group, override.value()
+            if key in ("robot", "run"):
+                chosen[key] = str(value)
+            elif key in names:
+                own[key] = value
+            elif key.split(".")[0] in _CHANGEABLE:
+                task.append(override)
+            else:
+                raise ConfigError(_misplaced(key, names))
+        folder = _folder(**chosen)
+        saved = OmegaConf.create(read_config(folder))
+        if not all(OmegaConf.is_dict(saved.get(part)) for part in ("env", "physics")):
+            raise RunError(f"{folder} holds no run of this project")
+        # What a run was shown in need not be installed here, and its plugins are not imported.
+        saved.env.update(self._fixed)
+        saved.update(logger={}, plugins=[])
+        amend(saved, task)
+        config = typed_config(saved, learning=False)
+        config.physics.require()
+        for key, value in self._fixed.items():
+            if getattr(config.env, key) != value:
+                shown = "null" if value is None else value
+                raise ConfigError(f"env.{key} is {shown} in this command")
+        options = typed(self.schema, own)
+        if hasattr(options, "output"):
+            _require_place(options.output)
+        return folder, config, options
+
+    def _help(self) -> str:
+        own = [
+            ("robot", f"a policy that ships: {', '.join(shipped())} [gecko]"),
+            ("run", "the folder of a run, in place of robot"),
+            *((name, summary(field)) for name, field in described(self.schema)),
+        ]
+        task = [
+            (name, field.metadata["meaning"])
+            for name, field in described(Config)
+            if name.split(".")[0] in _CHANGEABLE and name.removeprefix("env.") not in self._fixed
+        ]
+        return _HELP.format(
+            title=self.title, examples=self.examples, keys=listed(own), task=listed(task)
+        ).rstrip()
+
+
+def shipped() -> list[str]:
+    """Robots for which a policy ships."""
+    return sorted(folder.name for folder in POLICIES.iterdir() if folder.is_dir())
+
+
+def _require_place(output: str | None) -> None:
+    """Looks whether a file can be written where it is wanted, before anything is computed for it."""
+    home = Path() if output is None else Path(output).parent
+    if not home.is_dir():
+        raise ConfigError(f"output={output}: there is no folder {home}")
+    require_writable(home)
+
+
+def _folder(robot: str | None = None, run: str | None = None) -> Path:
+    if run is None:
+        robot = robot or "gecko"
+        if robot not in shipped():
+            raise ConfigError(
+                f"robot={robot} has no policy that ships; choose from {', '.join(shipped())},"
+                " or run=FOLDER for one that was trained"
+            )
+        return POLICIES / robot
+    if robot is not None:
+        raise ConfigError(f"robot={robot} and run={run} name two policies; give one of them")
+    return Path(run)
+
+
+def _misplaced(key: str, options: set[str]) -> str:
+    known = [*sorted(options), "robot", "run", *_CHANGEABLE]
+    group = key.split(".")[0]
+    if group in GROUPS or group in {field.name for field in dataclasses.fields(Config)}:
+        return f"{key} is settled by training; what may change is {', '.join(known)}"
+    close = difflib.get_close_matches(key, known, n=1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    return f"{key} is not a key; {hint}allowed are {', '.join(known)}"

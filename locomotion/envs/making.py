@@ -1,0 +1,93 @@
+"""A task from options: what ``robot``, ``arena``, ``task``, ``env`` and ``physics`` describe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from locomotion.options import ConfigError, arenas, chosen, rewards, typed
+from locomotion.physics.options import PhysicsConfig
+from locomotion.robots.body import RobotConfig, load_robot
+from locomotion.robots.modular_robot import ModularRobot
+from locomotion.tasks.options import EnvConfig, TaskConfig
+from locomotion.tasks.rewards import Reward
+from locomotion.tasks.walk_away import WalkAway
+
+
+def make_task(
+    robot: RobotConfig,
+    arena: Mapping[str, Any] | None = None,
+    task: TaskConfig | None = None,
+    env: EnvConfig | None = None,
+    physics: PhysicsConfig | None = None,
+) -> WalkAway:
+    """Builds a robot, its arena and its task.
+
+    Args:
+        robot: name and body.
+        arena: ``name`` of an arena and its options; flat ground by default.
+        task: rewards; the report's by default.
+        env: episodes and actions; the report's by default.
+        physics: timestep, and properties of the modules.
+
+    Raises:
+        ConfigError: for an unknown name or option, or a value out of range.
+    """
+    env, physics = env or EnvConfig(), physics or PhysicsConfig()
+    ground = chosen(arenas, arena or {"name": "ground"}, "arena").make(physics.friction)
+    body = ModularRobot(
+        robot.body,
+        name=robot.name,
+        friction=physics.friction,
+        stiffness=physics.stiffness,
+        damping=physics.damping,
+        armature=physics.armature,
+        mass_scale=physics.mass_scale,
+        strength_scale=physics.strength_scale,
+        self_collision=physics.self_collision,
+    )
+    return WalkAway(
+        body,
+        ground,
+        rewards=None if task is None else make_rewards(task.rewards),
+        control_timestep=1 / env.control_frequency,
+        physics_timestep=physics.timestep,
+        settle_time=env.settle_time,
+        target_limit=env.target_limit,
+        latency=physics.latency,
+        clock_frequency=env.clock_frequency,
+    )
+
+
+def make_rewards(options: Mapping[str, Any]) -> Sequence[Reward]:
+    """The rewards that ``task.rewards`` names.
+
+    Raises:
+        ConfigError: for an unknown name or option, or a value out of range.
+    """
+    return [
+        typed(rewards.get(name, "task.rewards"), values or {}, prefix=f"task.rewards.{name}.")
+        for name, values in options.items()
+    ]
+
+
+def task_and_physics(
+    task: WalkAway | str | Path | RobotConfig | Mapping[str, Any],
+    physics: PhysicsConfig | Mapping[str, Any] | None,
+    settings: Mapping[str, Any],
+) -> tuple[WalkAway, PhysicsConfig]:
+    """The task that an environment was given or that its short form stands for, and its physics.
+
+    Raises:
+        ConfigError: for options that cannot be used; a task that is given has settings of its own.
+    """
+    if not isinstance(physics, PhysicsConfig):
+        physics = typed(PhysicsConfig, dict(physics or {}))
+    env = typed(EnvConfig, dict(settings))
+    if not isinstance(task, WalkAway):
+        return make_task(load_robot(task), env=env, physics=physics), physics
+    others = sorted(settings.keys() - {"num_envs"})
+    if others:
+        raise ConfigError(f"{others[0]} is a setting of the task, which was given")
+    return task, physics

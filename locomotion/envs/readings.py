@@ -1,0 +1,134 @@
+"""The table of readings: what a robot can sense.
+
+A reading is one entry here, or in a package of yours (see :mod:`locomotion.options.registry`). Specs of
+the environment, dm-control's observables, ``--help`` and exported policies follow from it, and
+``conf/obs/*.yaml`` choose readings by their names.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from locomotion.options import readings
+
+if TYPE_CHECKING:
+    import torch
+
+    from locomotion.tasks.state import RobotState
+    from locomotion.tasks.walk_away import WalkAway
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """One thing that a robot can sense.
+
+    Attributes:
+        size: how many numbers it has, for a task.
+        unit: of these numbers; empty without one.
+        meaning: in words.
+        read: the numbers, from the state of robots, shape ``(robots, size)``. The result may be a view.
+        dtype: name of torch's dtype that they are given out in.
+        quaternion: whether they are a unit quaternion w x y z, so that other representations of an
+            orientation can be asked for.
+        sensors: whether the model's sensors are read, which are left out of it otherwise.
+    """
+
+    size: Callable[[WalkAway], int]
+    unit: str
+    meaning: str
+    read: Callable[[RobotState], torch.Tensor]
+    dtype: str = "float32"
+    quaternion: bool = False
+    sensors: bool = False
+
+
+def _hinges(task: WalkAway) -> int:
+    return len(task.robot.hinges)
+
+
+def _phase(state: RobotState) -> torch.Tensor:
+    angle = (2 * math.pi * state.task.clock_frequency * state.seconds).unsqueeze(-1)
+    return (
+        angle.new_empty(len(angle), 2).copy_(angle).add_(angle.new_tensor([0.5 * math.pi, 0])).sin()
+    )
+
+
+def _contact(state: RobotState) -> torch.Tensor:
+    found = state.field("sensordata")
+    touch_map = state.task.touch_map(state.model).to(found)
+    return ((found > 0).to(found) @ touch_map).clamp(max=1)
+
+
+def _target(state: RobotState) -> torch.Tensor:
+    limit = state.task.target_limit
+    return state.field("ctrl").clamp(-limit, limit)
+
+
+_TABLE = {
+    "hinge_position": Reading(
+        _hinges, "rad", "angles of the hinges", lambda state: state.field("qpos")[:, 7:]
+    ),
+    "hinge_velocity": Reading(
+        _hinges, "rad/s", "speeds of the hinges", lambda state: state.field("qvel")[:, 6:]
+    ),
+    "hinge_torque": Reading(
+        _hinges,
+        "N·m",
+        "torques of the servos in the last physics step",
+        lambda state: state.field("actuator_force"),
+    ),
+    "hinge_target": Reading(
+        _hinges, "rad", "the targets that the hinges were last given, as clipped", _target
+    ),
+    "core_orientation": Reading(
+        lambda task: 4,
+        "",
+        "orientation of the core, a unit quaternion w x y z, core to world",
+        lambda state: state.orientation,
+        quaternion=True,
+    ),
+    "core_angular_velocity": Reading(
+        lambda task: 3,
+        "rad/s",
+        "angular velocity of the core in its own frame",
+        lambda state: state.field("qvel")[:, 3:6],  # MuJoCo's free joints have it so
+    ),
+    "core_linear_velocity": Reading(
+        lambda task: 3,
+        "m/s",
+        "velocity of the core in its own frame",
+        lambda state: state.in_core_frame(state.field("qvel")[:, :3]),
+    ),
+    "core_height": Reading(
+        lambda task: 1,
+        "m",
+        "height of the core's centre in the world",
+        lambda state: state.field("qpos")[:, 2:3],
+    ),
+    "core_position": Reading(
+        lambda task: 3,
+        "m",
+        "place of the core in the world; robots walk kilometres",
+        lambda state: state.field("qpos")[:, :3],
+        dtype="float64",
+    ),
+    "ground_contact": Reading(
+        lambda task: len(task.robot.modules),
+        "",
+        "for each module 1 if it touched the ground in the last physics step, else 0",
+        _contact,
+        sensors=True,
+    ),
+    "phase_clock": Reading(
+        lambda task: 2,
+        "",
+        "cosine and sine of a clock that starts with the episode (env.clock_frequency)",
+        _phase,
+    ),
+}
+
+for _name, _reading in _TABLE.items():
+    readings.register(_name)(_reading)

@@ -1,0 +1,21 @@
+"""How well a policy walks: walking with it, measuring how, and under what a real robot would bring."""
+
+from importlib import import_module
+from typing import Any
+
+_MODULES = {
+    "controller": ("Controller",),
+    "measures": ("MEASURES", "Interval", "measure", "summarise"),
+    "policy": ("load_policy",),
+    "reality": ("CHANGES", "Change", "Share", "planned", "shares"),
+    "walking": ("Disturbances", "Walk", "Walker", "make_walker", "walk"),
+}
+_NAMES = {name: module for module, names in _MODULES.items() for name in names}
+
+__all__ = list(_NAMES)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _NAMES:
+        return getattr(import_module(f"locomotion.evaluation.{_NAMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,33 @@
+"""The options of walking with a policy, and of ``python -m locomotion.evaluate``."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from locomotion.options import Checked, key
+
+
+@dataclasses.dataclass
+class WalkConfig(Checked):
+    """How a policy is made to walk."""
+
+    seconds: float = key("how long robots walk (s)", default=60.0, above=0, most=86_400)
+    noise: float = key(
+        "of the hinges' sensors: standard deviation (rad)", default=0.0, least=0, most=10
+    )
+    push: float = key(
+        "change of velocity (m/s) by a push, one every 10 s in any direction",
+        default=0.0,
+        least=0,
+        most=10,
+    )
+
+
+@dataclasses.dataclass
+class EvaluateConfig(WalkConfig):
+    """``python -m locomotion.evaluate``."""
+
+    reality_check: bool = key(
+        "whether to walk under changes that a real robot would bring too", default=False
+    )
+    json: bool = key("JSON on standard output instead of a table", default=False)

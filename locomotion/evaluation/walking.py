@@ -1,0 +1,220 @@
+"""Walking with a policy, and noting what measures need to know."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+
+import torch
+from tensordict import TensorDictBase
+from torchrl.envs import ExplorationType, TransformedEnv, set_exploration_type
+
+from locomotion.config import Config
+from locomotion.evaluation.policy import load_policy
+from locomotion.physics import Physics
+from locomotion.tasks.work import hinge_work
+from locomotion.training.build import make_env
+from locomotion.transforms import SensorNoise
+
+#: Time between two pushes (s).
+PUSH_INTERVAL = 10.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Disturbances:
+    """Troubles of a real robot that the physics does not bring by itself.
+
+    Attributes:
+        noise: standard deviation (rad) of what is added to the hinge positions that a policy senses.
+        push: by how much (m/s) the velocity of a robot changes all at once, every ten seconds and in a
+            random direction along the ground; 0 for no pushes.
+    """
+
+    noise: float = 0.0
+    push: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Walk:
+    """The course of robots, with an entry for the start and one after each control step.
+
+    On the CPU, wherever the robots are.
+
+    Attributes:
+        period: time between entries (s).
+        position: of the cores (m), float64 of shape ``(steps + 1, robots, 3)``.
+        orientation: of the cores, unit quaternions w x y z of shape ``(steps + 1, robots, 4)``.
+        work: by all hinges of a robot in each control step (J), the integral of torque times speed
+            without regard to sign, shape ``(steps, robots)``; ``None`` if it was not asked for.
+        overturns: how often the cores turned over in each control step, from upright to upside down
+            or back, each a tilt of 60 degrees or less from it, shape ``(steps, robots)``; ``None``
+            likewise.
+        diverged: whose simulation diverged at some time, bool of shape ``(robots,)``.
+    """
+
+    period: float
+    position: torch.Tensor
+    orientation: torch.Tensor
+    work: torch.Tensor | None
+    overturns: torch.Tensor | None
+    diverged: torch.Tensor
+
+
+class Walker:
+    """Robots and the policy that moves them; made by :func:`make_walker`.
+
+    Attributes:
+        env: the environment, at the start of an episode after each :meth:`start`.
+        period: time between two actions (s).
+    """
+
+    def __init__(
+        self,
+        env: TransformedEnv,
+        policy: Callable[[TensorDictBase], TensorDictBase],
+        period: float,
+        disturbances: Disturbances,
+        seed: int,
+    ) -> None:
+        self.env = env
+        self.period = period
+        self._policy = policy
+        self._disturbances = disturbances
+        self._pushes = torch.Generator().manual_seed(seed)
+
+    def start(self) -> None:
+        """Begins an episode."""
+        self._seen = self.env.reset()
+        self._steps = 0
+
+    @torch.no_grad()
+    def step(self, sampled: bool) -> torch.Tensor:
+        """Takes a control step.
+
+        Args:
+            sampled: whether the action is drawn, as in training, or is the policy's mean.
+
+        Returns:
+            Whose simulation diverged, bool of shape ``(robots,)``.
+        """
+        how = ExplorationType.RANDOM if sampled else ExplorationType.DETERMINISTIC
+        with set_exploration_type(how):
+            decided = self._policy(self._seen)
+        self._push()
+        result = self.env.step(decided)
+        self._seen = self.env.step_mdp(result)
+        self._steps += 1
+        return result["next", "terminated"].squeeze(-1)
+
+    def _push(self) -> None:
+        every = max(1, round(PUSH_INTERVAL / self.period))
+        if not self._disturbances.push or self._steps % every != every // 2:
+            return
+        velocity = self.env.base_env.physics.qvel
+        turns = torch.rand(len(velocity), generator=self._pushes).to(velocity.device)
+        direction = 2 * math.pi * turns
+        velocity[:, 0] += self._disturbances.push * direction.cos()
+        velocity[:, 1] += self._disturbances.push * direction.sin()
+
+
+def make_walker(run: Path, config: Config, disturbances: Disturbances | None = None) -> Walker:
+    """Robots with the policy of a run's last checkpoint.
+
+    Args:
+        run: the run's folder.
+        config: the task that they walk in.
+        disturbances: none by default.
+
+    Raises:
+        RunError: if the run holds no checkpoint that can be read.
+    """
+    disturbances = disturbances or Disturbances()
+    torch.manual_seed(config.seed)
+    env = make_env(config)
+    policy = load_policy(run, config, env)
+    if disturbances.noise:
+        env.insert_transform(0, SensorNoise(disturbances.noise, ["hinge_position"]))
+    return Walker(env, policy, 1 / config.env.control_frequency, disturbances, config.seed)
+
+
+def walk(
+    walker: Walker,
+    seconds: float,
+    sampled: bool = False,
+    effort: bool = False,
+    progress: Callable[[], object] = lambda: None,
+) -> Walk:
+    """Walks for a while, from a new start.
+
+    Args:
+        walker: who walks.
+        seconds: for how long, rounded to control steps, at least one.
+        sampled: whether actions are drawn, as in training, or are the policy's mean.
+        effort: whether to note work and overturns, for which each physics step is looked at.
+        progress: called after each control step.
+    """
+    steps = max(1, round(seconds / walker.period))
+    physics = walker.env.base_env.physics
+    walker.start()
+    meter = _Effort(walker) if effort else None
+    positions, orientations = [physics.qpos[:, :3].clone()], [physics.qpos[:, 3:7].clone()]
+    diverged = torch.zeros(len(physics.qpos), dtype=torch.bool, device=physics.device)
+    watched = nullcontext() if meter is None else walker.env.base_env.after_substep(meter.add)
+    with watched:
+        for _ in range(steps):
+            diverged |= walker.step(sampled)
+            positions.append(physics.qpos[:, :3].clone())
+            orientations.append(physics.qpos[:, 3:7].clone())
+            if meter is not None:
+                meter.end_step()
+            progress()
+    return Walk(
+        walker.period,
+        torch.stack(positions).cpu(),
+        torch.stack(orientations).cpu(),
+        None if meter is None else torch.stack(meter.work).cpu(),
+        None if meter is None else torch.stack(meter.overturns).cpu(),
+        diverged.cpu(),
+    )
+
+
+class _Effort:
+    """Adds work and overturns up over the physics steps of each control step."""
+
+    def __init__(self, walker: Walker) -> None:
+        env = walker.env.base_env
+        self.work: list[torch.Tensor] = []
+        self.overturns: list[torch.Tensor] = []
+        self._upright = upwards(env.physics.qpos[:, 3:7]) > 0
+        env.physics.field("actuator_force")  # computed from now on
+        self._begin_step()
+
+    def _begin_step(self) -> None:
+        self._joules, self._turned = 0.0, 0.0 * self._upright
+
+    def add(self, physics: Physics) -> None:
+        before = physics.previous[:, 1 + physics.model.nq :]
+        force = physics.field("actuator_force").to(before.dtype)
+        self._joules = self._joules + hinge_work(physics.model, force, before, physics.qvel)
+        up = upwards(physics.qpos[:, 3:7])
+        upright = torch.where(up.abs() >= 0.5, up > 0, self._upright)
+        self._turned = self._turned + (upright != self._upright)
+        self._upright = upright
+
+    def end_step(self) -> None:
+        self.work.append(self._joules)
+        self.overturns.append(self._turned)
+        self._begin_step()
+
+
+def upwards(orientation: torch.Tensor) -> torch.Tensor:
+    """How far a body's z axis points up, from -1 to 1, shape ``(*batch,)``.
+
+    Args:
+        orientation: unit quaternions w x y z, body to world, shape ``(*batch, 4)``.
+    """
+    x, y = orientation[..., 1], orientation[..., 2]
+    return 1 - 2 * (x * x + y * y)

@@ -1,0 +1,79 @@
+"""Typed options: dataclasses whose fields have a meaning and a range, and that check themselves.
+
+Each package of the project declares its options with these, next to what they are for. A value out of
+range is refused in the same words on the command line and from Python.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from omegaconf import MISSING
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be used; the message is one line that names the key."""
+
+
+def key(
+    meaning: str,
+    *,
+    default: Any = MISSING,
+    above: float | None = None,
+    least: float | None = None,
+    most: float | None = None,
+    free: bool = False,
+) -> Any:
+    """Declares an option.
+
+    Args:
+        meaning: for ``--help``, with the unit.
+        default: its value; a mutable one is copied for each instance. Required without.
+        above: the value must be greater.
+        least: smallest value.
+        most: largest value.
+        free: whether a run has the same numbers whatever the value.
+    """
+    metadata = {"meaning": meaning, "above": above, "least": least, "most": most, "free": free}
+    if isinstance(default, (list, dict)):
+        kind = type(default)
+        return dataclasses.field(default_factory=lambda: kind(default), metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+class Checked:
+    """Checks every field against the range in its metadata when an instance is made.
+
+    Subclasses are dataclasses. One with rules of its own extends ``__post_init__`` and calls
+    :meth:`refuse`.
+    """
+
+    #: Where the keys stand in the configuration, for messages.
+    PREFIX = ""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            for number in value if isinstance(value, (list, tuple)) else (value,):
+                self._check_range(field, number, value)
+
+    def _check_range(self, field: dataclasses.Field, number: Any, value: Any) -> None:
+        if isinstance(number, bool) or not isinstance(number, (int, float)):
+            return
+        limits = {name: field.metadata.get(name) for name in ("above", "least", "most")}
+        inside = (
+            math.isfinite(number)
+            and (limits["above"] is None or number > limits["above"])
+            and (limits["least"] is None or number >= limits["least"])
+            and (limits["most"] is None or number <= limits["most"])
+        )
+        if not inside:
+            words = {"above": "above", "least": "at least", "most": "at most"}
+            wanted = [f"{words[name]} {x:g}" for name, x in limits.items() if x is not None]
+            self.refuse(field.name, value, " and ".join(wanted) or "finite")
+
+    def refuse(self, name: str, value: Any, wanted: str) -> None:
+        """Raises a :class:`ConfigError` that names a field, its value and what it must be."""
+        raise ConfigError(f"{self.PREFIX}{name}={value} must be {wanted}")

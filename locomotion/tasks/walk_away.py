@@ -1,0 +1,211 @@
+"""The task as dm-control knows it: the source of the model that every way of stepping shares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import torch
+from dm_control import composer, mjcf
+from dm_control.composer.observation import observable
+from dm_env import specs
+
+from locomotion.arenas.ground import Ground
+from locomotion.robots.modular_robot import ModularRobot
+from locomotion.tasks.options import TIMESTEP, EnvConfig
+from locomotion.tasks.rewards import Distance, Reward
+from locomotion.tasks.state import RobotState
+from locomotion.tasks.work import hinge_work
+
+_DEFAULTS = EnvConfig()
+#: Prefix of the sensors that tell whether a module touches the ground.
+_CONTACT = "contact:"
+
+
+class WalkAway(composer.Task):
+    """Walk away from the start, or whatever else the rewards pay for.
+
+    For ``composer.Environment`` and dm-control's viewer; :class:`~locomotion.envs.LocomotionEnv` steps
+    many copies of the same compiled model. An episode starts with random hinge targets and a short while
+    to settle, and does not end by itself.
+
+    Args:
+        robot: the robot, already built.
+        arena: what it walks on, with ``ground_geoms``; a new :class:`~locomotion.arenas.ground.Ground`
+            by default.
+        rewards: what is paid for, added up; by default the distance from the start gained.
+        control_timestep: time between actions (s).
+        physics_timestep: length of a physics step (s); must divide ``control_timestep``.
+        settle_time: how long the robot settles at the start (s).
+        target_limit: hinge targets are clipped to so much to either side (rad).
+        latency: how late hinges get their targets (s). MuJoCo keeps the targets that are under way.
+            Robots that are stepped together may each have a shorter latency, through
+            ``physics.expand("actuator_delay")``.
+        clock_frequency: of the reading ``phase_clock`` (Hz).
+    """
+
+    def __init__(
+        self,
+        robot: ModularRobot,
+        arena: composer.Arena | None = None,
+        *,
+        rewards: Sequence[Reward] | None = None,
+        control_timestep: float = 1 / _DEFAULTS.control_frequency,
+        physics_timestep: float = TIMESTEP,
+        settle_time: float = _DEFAULTS.settle_time,
+        target_limit: float = _DEFAULTS.target_limit,
+        latency: float = 0.0,
+        clock_frequency: float = _DEFAULTS.clock_frequency,
+    ) -> None:
+        self.robot = robot
+        self.rewards = (Distance(),) if rewards is None else tuple(rewards)
+        self.settle_time = settle_time
+        self.target_limit = target_limit
+        self.clock_frequency = clock_frequency
+        self._arena = Ground() if arena is None else arena
+        frame = self._arena.add_free_entity(robot)
+        frame.pos = (0.0, 0.0, robot.standing_height)
+        self._touch_ground()
+        self._sense_contacts()
+        for actuator in robot.actuators:
+            actuator.ctrlrange = (-target_limit, target_limit)  # MuJoCo clips the targets
+            if latency:
+                samples = int(np.ceil(latency / physics_timestep - 1e-9)) + 1
+                actuator.set_attributes(delay=latency, nsample=samples, interp="zoh")
+        option = self._arena.mjcf_model.option
+        option.timestep = physics_timestep
+        option.integrator = "implicitfast"
+        option.flag.island = "disable"  # one robot is one island
+        # A state alone decides what comes next, however many steps are taken at a time; and for so
+        # few contacts a warm start costs more than it saves.
+        option.flag.warmstart = "disable"
+        self.set_timesteps(control_timestep, physics_timestep)
+        self._touch_maps: dict[int, torch.Tensor] = {}
+        self._observables: dict[str, observable.Observable] = {}
+        self._start = torch.zeros(1, 2, dtype=torch.float64)
+        self._work: torch.Tensor | None = None
+
+    def _touch_ground(self) -> None:
+        ground = self._arena.ground_geoms
+        geoms = self.robot.mjcf_model.find_all("geom")
+        touching = [geom for geom in geoms if geom not in self.robot.covered_geoms]
+        if len(ground) == 1:
+            # Said as explicit pairs, this spares the search for pairs of geoms that might touch, and
+            # gives the same contacts. Leaving out end plates behind bricks changes contacts a little
+            # and gaits by less than 2% (benchmarks/same_gait.py).
+            for geom in touching:
+                sliding = max(ground[0].friction[0], geom.friction[0])
+                self._arena.mjcf_model.contact.add(
+                    "pair", geom1=ground[0], geom2=geom, condim=3, friction=(sliding, sliding)
+                )
+            # No other robot is there. MuJoCo leaves out pairs within a body, and between a body and
+            # its parent, which a hinge lets overlap.
+            limbs = touching if self.robot.self_collision else ()
+            for geom in geoms:
+                geom.set_attributes(contype=2 * (geom in limbs), conaffinity=2 * (geom in limbs))
+            for exclusion in self.robot.mjcf_model.contact.get_children("exclude"):
+                exclusion.remove()  # a body that is named here is not fused with its parent
+
+    def _sense_contacts(self) -> None:
+        for path, module in self.robot.modules.items():
+            for geom in module.mjcf_model.find_all("geom", exclude_attachments=True):
+                if geom in self.robot.covered_geoms:
+                    continue
+                for number, ground in enumerate(self._arena.ground_geoms):
+                    self._arena.mjcf_model.sensor.add(
+                        "contact",
+                        name=f"{_CONTACT}{path.replace('/', ':')}:{geom.name}:{number}",
+                        geom1=ground,
+                        geom2=geom,
+                        data="found",
+                        num=1,
+                    )
+
+    @property
+    def root_entity(self) -> composer.Arena:
+        return self._arena
+
+    @property
+    def task_observables(self) -> dict[str, observable.Observable]:
+        """Observables by name; an environment fills it from the table of readings."""
+        return self._observables
+
+    @property
+    def needs_work(self) -> bool:
+        """Whether a reward asks for the work of the hinges."""
+        return any(reward.NEEDS_WORK for reward in self.rewards)
+
+    def reward(self, before: RobotState, after: RobotState) -> torch.Tensor:
+        """The rewards of a control step, added up, shape ``(robots,)``."""
+        total = 0.0
+        for reward in self.rewards:
+            paid = reward(before, after)
+            total = total + (paid if reward.weight == 1.0 else reward.weight * paid)
+        return total
+
+    def touch_map(self, model: mujoco.MjModel) -> torch.Tensor:
+        """Which sensors of a compiled model belong to which module.
+
+        Returns:
+            Ones and zeros of shape ``(nsensordata, modules)``, in the order of ``robot.modules``.
+        """
+        if id(model) not in self._touch_maps:
+            paths = {path.replace("/", ":"): i for i, path in enumerate(self.robot.modules)}
+            table = torch.zeros(model.nsensordata, len(paths), dtype=torch.float64)
+            for sensor in range(model.nsensor):
+                name = model.sensor(sensor).name
+                if name.startswith(_CONTACT):
+                    module = name[len(_CONTACT) :].rsplit(":", 2)[0]
+                    table[model.sensor_adr[sensor], paths[module]] = 1.0
+            self._touch_maps[id(model)] = table
+        return self._touch_maps[id(model)]
+
+    def state(self, physics: mjcf.Physics) -> RobotState:
+        """The robot of a dm-control environment, as the only row."""
+
+        def field(name: str) -> torch.Tensor:
+            return torch.tensor(np.asarray(getattr(physics.data, name)), dtype=torch.float64)[None]
+
+        return RobotState(self, physics.model.ptr, field, self._start, self._work)
+
+    def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
+        """Targets of all hinges (rad), in the order of ``robot.hinges``."""
+        limit, shape = self.target_limit, (len(self.robot.hinges),)
+        return specs.BoundedArray(shape, np.float64, -limit, limit, name="hinge_target")
+
+    def initialize_episode(
+        self, physics: mjcf.Physics, random_state: np.random.RandomState
+    ) -> None:
+        limit = self.target_limit
+        targets = random_state.uniform(-limit, limit, len(self.robot.hinges))
+        physics.bind(self.robot.actuators).ctrl = targets
+        for _ in range(round(self.settle_time / self.physics_timestep)):
+            physics.step()
+        self._start = torch.tensor(physics.data.qpos[None, :2].copy())
+        self._reward = 0.0
+
+    def before_step(
+        self, physics: mjcf.Physics, action: np.ndarray, random_state: np.random.RandomState
+    ) -> None:
+        physics.bind(self.robot.actuators).ctrl = action
+        # Nothing derived is left over from a reset, which dm-control ends with actuation disabled.
+        mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
+        qpos = torch.tensor(physics.data.qpos[None].copy())
+        self._before = RobotState(self, physics.model.ptr, {"qpos": qpos}.__getitem__, self._start)
+        self._work = torch.zeros(1, dtype=torch.float64) if self.needs_work else None
+        self._speeds = torch.tensor(physics.data.qvel[None].copy())
+
+    def after_substep(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        if self._work is not None:
+            speeds = torch.tensor(physics.data.qvel[None].copy())
+            force = torch.tensor(physics.data.actuator_force[None].copy())
+            self._work += hinge_work(physics.model.ptr, force, self._speeds, speeds)
+            self._speeds = speeds
+
+    def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        self._reward = self.reward(self._before, self.state(physics)).item()
+
+    def get_reward(self, physics: mjcf.Physics) -> float:
+        """The reward of the last control step."""
+        return self._reward

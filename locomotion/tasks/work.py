@@ -1,0 +1,30 @@
+"""The work of hinges."""
+
+from __future__ import annotations
+
+import mujoco
+import torch
+
+
+def hinge_work(
+    model: mujoco.MjModel, force: torch.Tensor, before: torch.Tensor, after: torch.Tensor
+) -> torch.Tensor:
+    """Work of all hinges of each robot in one physics step (J), without regard to sign.
+
+    MuJoCo's ``implicitfast`` integrator takes a servo's damping from the speed at the end of the step,
+    unless its torque is at the limit. With the mean speed this gives the same work at any timestep.
+
+    Args:
+        model: the compiled model, whose first joint is a free one.
+        force: ``actuator_force`` of the step (N·m), shape ``(robots, hinges)``.
+        before: ``qvel`` before the step, shape ``(robots, nv)``.
+        after: ``qvel`` after it.
+
+    Returns:
+        Shape ``(robots,)``.
+    """
+    start, end = before[:, 6:], after[:, 6:]
+    damping = torch.as_tensor(model.actuator_biasprm[:, 2]).to(force)
+    limit = torch.as_tensor(model.actuator_forcerange[:, 1]).to(force)
+    torque = force + (force.abs() < limit) * damping * (end - start)
+    return 0.5 * model.opt.timestep * (torque * (start + end)).abs().sum(-1)

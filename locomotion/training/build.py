@@ -1,0 +1,98 @@
+"""What a configuration describes: environment, learner and collector of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torchrl.collectors import Collector
+from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
+
+from locomotion.agents.architectures import Network
+from locomotion.agents.learners import Learner
+from locomotion.config import Config
+from locomotion.envs import LocomotionEnv, ResumableEnv, make_task
+from locomotion.envs.observations import make_transforms
+from locomotion.options import ConfigError
+
+
+def make_env(
+    config: Config,
+    base_env: EnvBase | None = None,
+    transforms: Sequence[Transform] = (),
+    network: Network | None = None,
+) -> ResumableEnv:
+    """The environment of a run, with the entries that its policy sees.
+
+    Args:
+        config: the run.
+        base_env: an environment in place of the one that is described, with the same readings.
+        transforms: more transforms, after those that write the observations.
+        network: an architecture in place of the one that is described.
+    """
+    observing, _ = make_transforms(config.obs)
+    if base_env is None:
+        task = make_task(config.robot, config.arena, config.task, config.env, config.physics)
+        base_env = LocomotionEnv(
+            task,
+            config.env.num_envs,
+            readings=list(dict.fromkeys(t.reading_of(name) for name, t in config.obs.items())),
+            physics=config.physics,
+            time_limit=config.env.time_limit,
+            seed=config.seed,
+        )
+    needed = (network or config.architecture).make_transforms()
+    return ResumableEnv(base_env, Compose(*observing, *needed, *transforms))
+
+
+def policy_keys(config: Config) -> list[str]:
+    """The entries that the policy sees; each gets an encoder of its own."""
+    return make_transforms(config.obs)[1]
+
+
+def make_learner(
+    config: Config,
+    env: TransformedEnv,
+    in_keys: Sequence[str] | None = None,
+    network: Network | None = None,
+) -> Learner:
+    """The untrained learner of a run, where its robots are.
+
+    Args:
+        config: the run.
+        env: its environment.
+        in_keys: the entries that the policy sees, in place of those of ``config.obs``.
+        network: an architecture in place of the one that is described.
+
+    Raises:
+        ConfigError: if the environment does not write an entry that the policy is to see.
+    """
+    in_keys = list(policy_keys(config) if in_keys is None else in_keys)
+    there = env.observation_spec.keys(True, True)
+    for key in in_keys:
+        if key not in there:
+            known = ", ".join(sorted(map(str, there)))
+            raise ConfigError(f"the policy is to see {key!r}, but the environment writes {known}")
+    return config.learner.make(env, network or config.architecture, in_keys)
+
+
+def make_collector(env: TransformedEnv, learner: Learner, steps: int, iterations: int) -> Collector:
+    """Collects ``steps`` control steps of all robots at a time, so often.
+
+    Batches have shape ``(num_envs, steps)``; the next one begins where the last one ended. Making a
+    collector draws no random numbers from torch.
+    """
+    frames = env.batch_size.numel() * steps
+    with torch.random.fork_rng():
+        return Collector(
+            env,
+            learner.policy,
+            frames_per_batch=frames,
+            total_frames=frames * iterations,
+            trust_policy=True,
+            use_buffers=False,
+            return_same_td=True,  # each batch has memory of its own; no copy is needed
+            no_cuda_sync=True,  # all is done on one stream, that of whoever asks for a batch
+            track_traj_ids=False,
+            auto_register_policy_transforms=False,
+        )

@@ -1,0 +1,77 @@
+"""The training loop: collect, learn, record, save, stop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import torch
+from torchrl.envs import EnvBase, Transform
+
+from locomotion.agents.architectures import Network
+from locomotion.agents.learners import Learner
+from locomotion.config import Config
+from locomotion.runs.interruption import WishToStop
+from locomotion.runs.recorder import Recorder
+from locomotion.training.build import make_collector, make_env, make_learner
+
+#: Called after each iteration with its row of metrics.
+Callback = Callable[[Mapping[str, float]], object]
+
+
+def train(
+    config: Config,
+    folder: Path,
+    *,
+    env: EnvBase | None = None,
+    transforms: Sequence[Transform] = (),
+    in_keys: Sequence[str] | None = None,
+    network: Network | None = None,
+    learner: Callable[[EnvBase], Learner] | None = None,
+    callbacks: Sequence[Callback] = (),
+) -> None:
+    """Trains a policy, and leaves metrics and checkpoints in a folder.
+
+    A run that was interrupted resumes from its last checkpoint, and ends as if it never had been.
+
+    Args:
+        config: the run.
+        folder: where its output goes; it exists, and holds no run of another configuration.
+        env: an environment in place of the one that is described.
+        transforms: more transforms, after those that write the observations.
+        in_keys: the entries that the policy sees, in place of those of ``config.obs``.
+        network: an architecture in place of the one that is described.
+        learner: makes the learner for an environment, in place of the one that is described.
+        callbacks: called after each iteration.
+
+    Raises:
+        RunError: if what is there cannot be resumed.
+        RunStopped: if the run cannot go on.
+        KeyboardInterrupt: if it was asked to stop, with the iteration it stopped after; it is saved.
+    """
+    torch.manual_seed(config.seed)
+    environment = make_env(config, env, transforms, network)
+    if learner is None:
+        learned = make_learner(config, environment, in_keys, network)
+    else:
+        learned = learner(environment)
+    run = Recorder(config, folder, environment, learned)
+    steps, remaining = config.learner.steps, config.learner.iterations - run.completed
+    collector = make_collector(environment, learned, steps, remaining)
+    with run, WishToStop() as wish:
+        for batch in collector:
+            collected = time.perf_counter()
+            try:
+                metrics = learned.update(batch)
+            except FloatingPointError as error:
+                raise run.explain(error) from error
+            collector.update_policy_weights_()
+            row = run.record(batch, metrics, collected)
+            for callback in callbacks:
+                callback(row)
+            run.save_if_due(stopping=wish.came)
+            if wish.came and not run.finished:
+                done = f"stopped after {run.completed} iterations; resume={folder} continues"
+                raise KeyboardInterrupt(done)
+    collector.shutdown()

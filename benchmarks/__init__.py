@@ -1,1 +1,1 @@
-"""What the framework costs and what it saves, as ratios: ``python -m benchmarks.throughput``."""
+"""Speed alone: ``python -m benchmarks.throughput``, and ``python -m benchmarks.gpu`` on a GPU."""

@@ -1,4 +1,4 @@
-"""A run that is killed at random moments ends as one that was never stopped.
+"""Proof that a run which is killed at random moments ends as one that was never stopped.
 
 ``python -m benchmarks.kill_and_resume`` trains twice with the same seed: once undisturbed, once with
 SIGKILLs, every other one while a checkpoint is being written, each followed by ``resume=FOLDER``. Then
@@ -59,7 +59,7 @@ def main() -> None:
 
 
 def kill(settings: list[str], folder: Path, kills: int, moments: random.Random) -> int:
-    """Starts a run, or goes on with it, and kills it, again and again.
+    """Starts a run, or resumes it, and kills it, again and again.
 
     Returns:
         How often it was killed while a checkpoint was being written.
@@ -99,7 +99,7 @@ def command(*overrides: str) -> list[str]:
 
 
 def outcome(folder: Path) -> tuple[list[dict[str, str]], str, dict[str, Any]]:
-    """What a run came to: its rows but for timings, its last checkpoint's name and all that is in it."""
+    """The outcome of a run: rows but for timings, its last checkpoint's name and all that is in it."""
     with (folder / "metrics.csv").open() as file:
         rows = [
             {key: value for key, value in row.items() if key not in TIMINGS}

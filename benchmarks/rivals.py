@@ -1,4 +1,4 @@
-"""What a user would pick instead: one process a robot, in three libraries.
+"""Other ways to batch MuJoCo that a user would pick: one process a robot, in three libraries.
 
 All step the very model that training steps, at the same control frequency, with the same reward and
 almost the same observation: the hinges' positions and the core's orientation, without a history.

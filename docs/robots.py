@@ -2,16 +2,15 @@
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import mujoco
+from matplotlib.figure import Figure
 
-from locomotion.config import load
-from locomotion.envs import WalkAway
-from locomotion.robots import ModularRobot
+from locomotion.robots import ModularRobot, load_robot
+from locomotion.tasks import WalkAway
 
 
 def picture(name):
-    robot = load(f"robot/{name}")
+    robot = load_robot(name)
     arena = WalkAway(ModularRobot(robot.body, name=robot.name)).root_entity.mjcf_model
     getattr(arena.visual, "global").set_attributes(offwidth=960, offheight=720)
     arena.visual.quality.shadowsize = 4096
@@ -26,8 +25,8 @@ def picture(name):
         return renderer.render()
 
 
-figure, axes = plt.subplots(1, 2, figsize=(10, 3.95), layout="constrained")
-for axis, name in zip(axes, ("gecko", "ant")):
+figure = Figure(figsize=(10, 3.95), layout="constrained")
+for axis, name in zip(figure.subplots(1, 2), ("gecko", "ant")):
     axis.imshow(picture(name))
     axis.set_title(name)
     axis.axis("off")

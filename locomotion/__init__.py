@@ -7,16 +7,16 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from locomotion.surroundings import tidy
 
 if TYPE_CHECKING:
     from locomotion.config import Config
     from locomotion.training.execute import Result
 
-# dm-control tries to open a window at import; a machine without a screen is no reason to warn.
-warnings.filterwarnings("ignore", message=".*The DISPLAY environment variable is missing")
+tidy()
 
 __all__ = ["compose", "train"]
 

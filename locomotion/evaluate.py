@@ -63,7 +63,8 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
             checked = shares(run, config, disturbances, options.seconds, nominal, bar.update)
     found = {how: summarise(values) for how, values in measured.items()}
     if options.json:
-        print(json.dumps(_as_data(run, config, options, found, checked), indent=2))
+        data = _as_data(run, config, options, found, checked)
+        print(json.dumps(_known(data), indent=2, allow_nan=False))
     else:
         print(_as_table(config, options, found))
         if checked:
@@ -83,21 +84,22 @@ def _as_data(
         "robots": config.env.num_envs,
         "seconds": options.seconds,
         **{
-            how: {name: _numbers(interval) for name, interval in values.items()}
+            how: {name: dataclasses.asdict(interval) for name, interval in values.items()}
             for how, values in found.items()
         },
     }
     if checked:
-        data["reality_check"] = [
-            {**dataclasses.asdict(share), "share": _numbers(share.share)} for share in checked
-        ]
+        data["reality_check"] = [dataclasses.asdict(share) for share in checked]
     return data
 
 
-def _numbers(interval: Interval) -> dict[str, float | None]:
-    """JSON has no nan; what is unknown is null."""
-    values = dataclasses.asdict(interval)
-    return {name: None if math.isnan(value) else value for name, value in values.items()}
+def _known(value: Any) -> Any:
+    """A value as JSON has it, which knows no nan and no infinity; what is unknown is null."""
+    if isinstance(value, dict):
+        return {name: _known(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [_known(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _as_table(
@@ -120,20 +122,24 @@ def _as_table(
 
 
 def _checked_table(checked: list[Share]) -> str:
+    what = max(len(share.what) for share in checked)
     width = max(len(share.override) for share in checked)
-    lines = ["", f"{'reality check':25}{'':{width}}  {'m/s':>7}  share of the speed without"]
+    lines = ["", f"{'reality check':{what}}  {'':{width}}  {'m/s':>7}  share of the speed without"]
     for share in checked:
-        row = share.share
-        shown = f"{row.mean:5.0%} [{row.low:.0%}, {row.high:.0%}]"
+        shown = _shown(share.share, ".0%")
         lost = f"  {share.diverged:.0%} diverged" if share.diverged else ""
-        lines.append(f"{share.what:25}{share.override:{width}}  {share.speed:7.3f}  {shown}{lost}")
+        words = f"{share.what:{what}}  {share.override:{width}}"
+        lines.append(f"{words}  {share.speed:7.3f}  {shown:>5}{lost}")
     return "\n".join(lines)
 
 
-def _shown(interval: Interval) -> str:
-    if math.isnan(interval.mean):
+def _shown(interval: Interval, form: str = ".3g") -> str:
+    """A mean and its interval, as far as they are known."""
+    if not math.isfinite(interval.mean):
         return "-"
-    return f"{interval.mean:.3g} [{interval.low:.3g}, {interval.high:.3g}]"
+    if not math.isfinite(interval.low):
+        return f"{interval.mean:{form}}"
+    return f"{interval.mean:{form}} [{interval.low:{form}}, {interval.high:{form}}]"
 
 
 COMMAND = Command(EvaluateConfig, evaluate, "Measures how a policy walks.", _EXAMPLES)

@@ -38,9 +38,9 @@ _EXAMPLES = """\
   python -m locomotion.export run=outputs/DATE/TIME output=gait.onnx
 
 The program takes one robot's readings, such as hinge_position (rad) and core_orientation (unit quaternion
-w x y z), and its memory, zeros at the start. It returns hinge_target (rad) and the memory under names with
-next_ in front, to be given back at the next control step. How often, the order of hinges and the names of
-the memory are in the file's metadata. The .xml is the robot on its ground, for MuJoCo alone."""
+w x y z), and its memory, zeros at the start. It returns next_hinge_target (rad) and the memory under names
+with next_ in front, to be given back at the next control step. How often, the order of hinges and the
+names of the memory are in the file's metadata. The .xml is the robot on its ground, for MuJoCo alone."""
 
 
 def export(run: Path, config: Config, options: ExportConfig) -> None:
@@ -64,6 +64,7 @@ def export(run: Path, config: Config, options: ExportConfig) -> None:
     metadata = {
         "robot": config.robot.name,
         "control_frequency": f"{config.env.control_frequency:g}",
+        "clock_frequency": f"{config.env.clock_frequency:g}",
         "hinges": json.dumps(env.base_env.hinge_names),
         "memory": json.dumps(list(controller.memory)),
     }
@@ -71,9 +72,14 @@ def export(run: Path, config: Config, options: ExportConfig) -> None:
         {name: torch.zeros(length) for name, length in controller.readings.items()},
         {name: torch.zeros(shape) for name, shape in controller.memory.items()},
     )
-    with torch.no_grad():
-        program = torch.export.export(controller, example, strict=False)
-    for file in _files(config, options):
+    files = _files(config, options)
+    program = None
+    if any(file.suffix != ".xml" for file in files):
+        with torch.no_grad(), warnings.catch_warnings():
+            # Torch's, about its own recurrent modules.
+            warnings.filterwarnings("ignore", "(?s).*_flat_weights.* were assigned during export")
+            program = torch.export.export(controller, example, strict=False)
+    for file in files:
         with replacing(file) as partial:
             if file.suffix == ".onnx":
                 _write_onnx(program, example, metadata, partial)
@@ -82,7 +88,7 @@ def export(run: Path, config: Config, options: ExportConfig) -> None:
             else:
                 torch.export.save(program, str(partial), extra_files=metadata)
     env.close()
-    print(", ".join(map(str, _files(config, options))))
+    print(", ".join(map(str, files)))
 
 
 def _files(config: Config, options: ExportConfig) -> list[Path]:
@@ -117,7 +123,8 @@ def _write_onnx(
     exported = torch.onnx.export(
         program,
         input_names=[*readings, *memory],
-        output_names=["hinge_target", *(f"next_{name}" for name in memory)],
+        # All with "next_", as hinge_target is a reading too.
+        output_names=[f"next_{name}" for name in ("hinge_target", *memory)],
         dynamo=True,
         verbose=False,
     )

@@ -1,6 +1,6 @@
 """Learning curves: ``python -m locomotion.plot RUN ...``, or ``figure2 SWEEP`` and ``figure3 SWEEP``.
 
-Reads the ``metrics.csv`` of runs, also while they go on, and says what they are from their own
+Reads the ``metrics.csv`` of runs, also while they train, and says what they are from their own
 configuration, so folders can have any names.
 """
 
@@ -59,12 +59,12 @@ def labels(runs: Sequence[Path]) -> list[str]:
             records.append((str(read_run(run)), read_record(run)))
         except RunError:
             records.append((str(run), {}))
-    told = ("seed", "robot.", "obs.")
+    told, free = ("seed", "robot.", "obs."), free_keys()
     keys = dict.fromkeys(key for _, record in records for key in record)
     differing = [
         key
         for key in keys
-        if key not in free_keys()
+        if key not in free
         and not key.startswith(told)
         and len({str(record.get(key)) for _, record in records if record}) > 1
     ]
@@ -84,7 +84,7 @@ def main() -> None:
         prog="python -m locomotion.plot",
         usage="%(prog)s [figure2 | figure3] FOLDER ... [--reference [FILE] | --no-reference] "
         "[--output PICTURE]",
-        description="Draws the learning curves of runs beside each other, or those of a sweep as one of"
+        description="Draws the learning curves of runs side by side, or those of a sweep as one of"
         " the report's figures: mean and 95% confidence interval over seeds.",
     )
     parser.add_argument(
@@ -96,7 +96,7 @@ def main() -> None:
         type=Path,
         const=REPORT,
         metavar="FILE",
-        help="dashed beside them: the report's curves, or those of a CSV file; figures have the report's",
+        help="dashed: the report's curves, or those of a CSV file; figures have the report's",
     )
     parser.add_argument(
         "--no-reference", action="store_true", help="leaves the report's curves out of its figures"

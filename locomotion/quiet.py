@@ -20,6 +20,8 @@ def quiet() -> Iterator[None]:
         warnings.filterwarnings("ignore", "Creating .*WeightUpdaterBase is deprecated")
         # CudaGraphModule takes tensordicts out of torch's pytrees, which nothing here uses.
         warnings.filterwarnings("ignore", "Tensordict is registered in PyTree")
+        # A policy that a GPU trained walks without one.
+        warnings.filterwarnings("ignore", "This module is instantiated on a machine without CUDA")
         import torch
         from absl import logging as absl_logging
         from tensordict.utils import logger as tensordict_logger

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from locomotion.cli.policies import Command
 from locomotion.config import Config
 from locomotion.options import ConfigError
-from locomotion.rendering.graphics import ADVICE, choose_graphics, has_graphics, has_screen
+from locomotion.rendering.graphics import has_screen, open_context
 from locomotion.rendering.options import WatchConfig
+
+if TYPE_CHECKING:
+    from locomotion.rendering.motion import Motion
 
 _EXAMPLES = """\
   python -m locomotion.watch                          the gecko that ships: gecko.mp4, gecko.webp
@@ -40,8 +45,10 @@ def watch(run: Path, config: Config, options: WatchConfig) -> None:
         from locomotion.rendering.live import show_live
 
         show_live(walker, options.seconds, options.sampled)
+        walker.env.close()
         return
     motion = record_motion(walker, options.seconds, options.fps, options.sampled)
+    walker.env.close()
     ending = ".html" if options.web else ".mp4"
     target = Path(options.output or f"{config.robot.name}{ending}")
     # No bar without a terminal.
@@ -55,10 +62,14 @@ def watch(run: Path, config: Config, options: WatchConfig) -> None:
             from locomotion.rendering.film import write_film
 
             files = write_film(motion, target, options.width, options.height, bar.update)
-    last = len(motion.qpos) - 1
-    print(
-        f"{config.robot.name} walks at {motion.speed(last):.2f} m/s: {', '.join(map(str, files))}"
-    )
+    print(f"{config.robot.name} {_outcome(motion)}: {', '.join(map(str, files))}")
+
+
+def _outcome(motion: Motion) -> str:
+    if math.isnan(motion.distance):
+        return "diverged"
+    how_far = f"{motion.distance:.2f} m from its start in {motion.seconds:g} s"
+    return f"walks {how_far}, {motion.speed:.2f} m/s"
 
 
 def require(options: WatchConfig) -> None:
@@ -67,8 +78,8 @@ def require(options: WatchConfig) -> None:
         raise ConfigError("live=true needs a screen; a film or web=true does not")
     if options.web and importlib.util.find_spec("viser") is None:
         raise ConfigError("web=true needs a package: pip install 'viser>=1.1'")
-    if not options.web and not options.live and not has_graphics():
-        raise ConfigError(ADVICE)
+    if not options.web and not options.live:
+        open_context(options.width, options.height).free()
 
 
 COMMAND = Command(
@@ -76,5 +87,4 @@ COMMAND = Command(
 )
 
 if __name__ == "__main__":
-    choose_graphics()  # before a configuration is checked, for which bodies are built with MuJoCo
     COMMAND.main()

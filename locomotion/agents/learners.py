@@ -26,7 +26,7 @@ MOST_FRAMES = 2**27
 
 
 class Learner(Protocol):
-    """What the training loop needs of a learner."""
+    """The training loop's view of a learner."""
 
     #: The policy that collects experience, and that a run is about.
     policy: TensorDictModuleBase

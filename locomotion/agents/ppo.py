@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,7 +12,7 @@ from torch.distributions import Distribution
 from torch.nn.utils import clip_grad_norm_
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.data.replay_buffers.samplers import SamplerWithoutReplacement
-from torchrl.modules import ProbabilisticActor, set_recurrent_mode
+from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
@@ -133,17 +132,15 @@ class PPO:
         learned_from = batch.select(*self._keys(batch))
         self.buffer.extend(learned_from if self._recurrent else learned_from.reshape(-1))
         learning_rate = self.learning_rate
-        mode = set_recurrent_mode(True) if self._recurrent else contextlib.nullcontext()
-        with mode:
-            epochs = range(self._config.epochs)
-            losses = [self._step(minibatch) for _ in epochs for minibatch in self.buffer]
+        epochs = range(self._config.epochs)
+        losses = [self._step(minibatch) for _ in epochs for minibatch in self.buffer]
         losses = torch.stack(losses)
         # Looked at when all is done: on a GPU each look would wait for it.
         _require_finite("the loss", *(losses[name] for name in LOSSES))
         self._begin_at(self.updates + 1, capture=False)
         for group in self.optimizer.param_groups:
             _require_finite("a weight", *(parameter.sum() for parameter in group["params"]))
-        means = {name: value.item() for name, value in losses.mean(0).items()}
+        means = {name: value.mean().item() for name, value in losses.items()}
         return {
             "mean_value": batch["state_value"].mean().item(),
             **means,

@@ -7,177 +7,186 @@ before the first one runs, and Hydra's own part of the configuration before Hydr
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import hydra
-import yaml
-from hydra import version
+from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
-from hydra.errors import HydraException, MissingConfigException
+from hydra.core.plugins import Plugins
+from hydra.core.utils import JobRuntime
+from hydra.plugins.search_path_plugin import SearchPathPlugin
 from hydra.types import RunMode
+from hydra.version import VersionBase
 from omegaconf import DictConfig, OmegaConf, open_dict
-from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
 from locomotion.cli.fixed import refuse_what_is_fixed
-from locomotion.cli.help import help_template
+from locomotion.cli.help import table
+from locomotion.cli.refusal import explained
 from locomotion.config import GROUPS, Config, typed_config
-from locomotion.options import ConfigError, conf_dir, explain, import_plugins, learners
-from locomotion.options.files import explain_yaml, read_yaml
-from locomotion.physics.options import PhysicsConfig
+from locomotion.options import ConfigError, conf_dir, import_plugins, learners, read_choice
 from locomotion.robots import load_robot
+from locomotion.tasks.options import TaskConfig
 
-#: Parts that there always are, so that adding one is choosing it.
-_ADDED = ("obs", "plugins")
+Job = tuple[Config, Path]
+#: A YAML file in a value, in quotes or up to what separates values.
+_FILE = re.compile(r"""'[^']+\.ya?ml'|"[^"]+\.ya?ml"|[^,()'"]+\.ya?ml(?=[,)]|$)""")
 
 
 def compose(*overrides: str, config_dir: Path | str | None = None) -> Config:
-    """The configuration that a command line stands for, such as ``compose("robot=ant")``.
-
-    It can be used inside another Hydra application, which is left as it is.
-
-    Raises:
-        ConfigError: if it cannot be used.
-    """
-    with _hydra(), explained(overrides):
-        place = None if config_dir is None else Path(config_dir)
-        overrides = normalised(overrides, place)
-        register(overrides)
-        return typed_config(hydra.compose("config", overrides))
+    """See :func:`locomotion.compose`; another Hydra application around it is left as it is."""
+    given = normalised(overrides)
+    register(given)
+    with _hydra(config_dir), explained():
+        return typed_config(hydra.compose("config", given))
 
 
-def normalised(overrides: Sequence[str], config_dir: Path | None = None) -> list[str]:
-    """Overrides as Hydra takes them: without a plus where something is there already, with bodies from
-    files as choices of their own, and with a folder of one's own in Hydra's search path.
-
-    Raises:
-        ConfigError: for what would quietly mean something else.
-    """
-    normal, places = [], [] if config_dir is None else [f"file://{config_dir.resolve()}"]
-    for text in overrides:
-        key, equals, value = text.partition("=")
-        key = key[1:] if key.startswith("+") and key[1:] in _ADDED else key
-        if key in GROUPS and value.startswith("["):
-            raise ConfigError(f"{text} names several choices; {key} is one of them")
-        if key.split(".")[0] == "robot" and "." in key and value.startswith("{"):
-            raise ConfigError(
-                f"{text} would be merged into another body; robot=FILE.yaml takes a file"
-            )
-        if key == "robot":
-            value = ",".join(_robot_choice(part) for part in value.split(","))
-        if key == "hydra.searchpath" and places:
-            (override,) = OverridesParser.create().parse_overrides([text])
-            places += [str(place) for place in override.value()]
-        else:
-            normal.append(f"{key}{equals}{value}")
-    if places:
-        quoted = (place.replace("\\", "\\\\").replace("'", "\\'") for place in places)
-        normal.append("hydra.searchpath=[" + ",".join(f"'{place}'" for place in quoted) + "]")
-    return normal
-
-
-def _robot_choice(value: str) -> str:
-    """The name of a robot; one that is a file becomes a choice of Hydra's."""
-    path = Path(value.strip("'\""))
-    if path.suffix not in (".yaml", ".yml"):
-        return value
-    known = {file.stem for file in (conf_dir() / "robot").glob("*.yaml")}
-    name = "".join(letter if letter.isalnum() else "-" for letter in path.stem)
-    name = f"{name}-file" if name in known else name
-    node = dataclasses.asdict(load_robot(path))
-    ConfigStore.instance().store(name, node=node, group="robot", package="robot")
-    return name
-
-
-def compose_job(overrides: Sequence[str], number: int | None = None) -> tuple[Config, Path]:
-    """The configuration and the folder of a job.
-
-    Args:
-        overrides: those of the job, as :func:`normalised` returns them.
-        number: its place in its sweep; ``None`` for a job by itself.
-
-    Raises:
-        ConfigError: if it cannot be used.
-    """
-    with _hydra(), explained(overrides):
-        config = hydra.compose("config", list(overrides), return_hydra_config=True)
-        refuse_what_is_fixed(config)
-        return _job(config, number)
-
-
-def _job(config: DictConfig, number: int | None) -> tuple[Config, Path]:
-    instance, before = HydraConfig.instance(), HydraConfig.instance().cfg
-    with open_dict(config):
-        if number is not None:
-            config.hydra.job.num = number
-            config.hydra.job.id = f"{config.hydra.job.name}_{number}"
-        instance.set_config(config)  # for what refers to ${hydra:...}
-        try:
-            if number is None:
-                folder = Path(config.hydra.run.dir)
-            else:
-                folder = Path(config.hydra.sweep.dir, config.hydra.sweep.subdir)
-            del config["hydra"]
-            return typed_config(config), folder
-        finally:
-            instance.cfg = before
-
-
-def split_sweep(overrides: Sequence[str], multirun: bool) -> list[list[str]] | None:
-    """The overrides of each job of a sweep, as Hydra's sweeper finds them; ``None`` for no sweep.
+def compose_jobs(
+    overrides: Sequence[str], multirun: bool = False, config_dir: Path | str | None = None
+) -> list[Job]:
+    """The configuration and the folder of each job, as Hydra will compose them.
 
     An experiment has lists of its own, which those on the command line replace, and may ask for a sweep.
     Another sweeper than Hydra's own finds its jobs as it goes; then there is one, of first values.
 
+    Args:
+        overrides: those of the command line, as :func:`normalised` returns them.
+        multirun: whether it asks for a sweep.
+        config_dir: a folder with choices of one's own.
+
     Raises:
-        ConfigError: for a list without a value.
+        ConfigError: if one of the jobs cannot be used.
     """
-    with _hydra(), explained(overrides):
-        given = _parsed(overrides)
-        first = [_values(override)[0] for override in given]
-        sweep = hydra.compose("config", first, return_hydra_config=True).hydra
-        if not multirun and sweep.mode is not RunMode.MULTIRUN:
-            for override in given:
-                if override.is_sweep_override():
-                    raise ConfigError(f"{override.input_line}: several values need --multirun")
-            return None
-        if sweep.runtime.choices["hydra/sweeper"] != "basic":
-            return [first]
-        lists = [f"{key}={values}" for key, values in (sweep.sweeper.params or {}).items()]
+    register(overrides)
+    with _hydra(config_dir), explained():
+        parser = OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
+        given = parser.parse_overrides(list(overrides))
+        swept = [override.input_line for override in given if override.is_sweep_override()]
+        single = [line for line in overrides if line not in swept]
+        common = _composed(single)
+        if not multirun and common.hydra.mode is not RunMode.MULTIRUN:
+            if swept:
+                raise ConfigError(f"{swept[0]}: several values need --multirun")
+            return [_job(common)]
+        own = common.hydra.runtime.choices["hydra/sweeper"] == "basic"
+        params = common.hydra.sweeper.get("params") or {}
+        lists = [f"{key}={values}" for key, values in params.items()]
         values = {
-            override.key_or_group: _values(override)
-            for override in [*_parsed(normalised(lists)), *given]
+            override.get_key_element(): _values(override, own)
+            for override in [*parser.parse_overrides(lists), *given]
         }
-        return [list(job) for job in itertools.product(*values.values())]
+        jobs = itertools.islice(itertools.product(*values.values()), None if own else 1)
+        HydraConfig.instance().set_config(common)
+        str(common.hydra.sweep.dir)  # the time in it is that of all jobs
+        return [_job(_composed(job), number, common) for number, job in enumerate(jobs)]
 
 
-def _parsed(overrides: Sequence[str]) -> list[Override]:
-    loader = GlobalHydra.instance().config_loader()
-    return OverridesParser.create(config_loader=loader).parse_overrides(list(overrides))
-
-
-def _values(override: Override) -> list[str]:
+def _values(override: Override, enumerated: bool) -> list[str]:
     """An override, or each of those that a list of values stands for."""
+    key = override.get_key_element()
     if not override.is_sweep_override():
         return [override.input_line]
-    if not override.is_discrete_sweep():
-        return [f"{override.get_key_element()}={override.value().start}"]  # of an interval
-    key = override.get_key_element()
-    values = [f"{key}={value}" for value in override.sweep_string_iterator()]
+    if override.is_discrete_sweep():
+        values = [f"{key}={value}" for value in override.sweep_string_iterator()]
+    elif enumerated:
+        raise ConfigError(f"{override.input_line} is not a list, which hydra/sweeper=basic needs")
+    else:
+        values = [f"{key}={override.value().start}"]
     if not values:
         raise ConfigError(f"{override.input_line} holds no value")
     return values
 
 
+def _composed(overrides: Sequence[str]) -> DictConfig:
+    config = hydra.compose("config", list(overrides), return_hydra_config=True)
+    refuse_what_is_fixed(config, _own)
+    return config
+
+
+@functools.cache
+def _own(launcher: str, sweeper: str) -> DictConfig:
+    with _hydra(None):  # nobody's folder is searched
+        choices = [f"hydra/launcher={launcher}", f"hydra/sweeper={sweeper}"]
+        return hydra.compose("config", choices, return_hydra_config=True)
+
+
+def _job(config: DictConfig, number: int = 0, common: DictConfig | None = None) -> Job:
+    with open_dict(config):
+        if common is not None:
+            OmegaConf.copy_cache(from_config=common, to_config=config)
+            config.hydra.job.num = number
+            config.hydra.job.id = f"{config.hydra.job.name}_{number}"
+        HydraConfig.instance().set_config(config)  # for what refers to ${hydra:...}
+        run, sweep = config.hydra.run, config.hydra.sweep
+        folder = Path(run.dir) if common is None else Path(sweep.dir, sweep.subdir)
+        del config["hydra"]
+    return typed_config(config), folder
+
+
+def normalised(overrides: Sequence[str]) -> list[str]:
+    """Overrides as Hydra takes them: without a plus where something is there already, and with bodies
+    from files as choices of their own.
+
+    Raises:
+        ConfigError: for what would quietly mean something else.
+    """
+    normal: list[str] = []
+    for override in _parsed(_spelled(overrides)):
+        key, value, line = override.key_or_group, override.value(), override.input_line
+        if override.is_add() and key in (*GROUPS, "plugins"):
+            line = line.removeprefix("+")
+        for one in getattr(value, "list", [value]):  # of a sweep
+            if key in GROUPS and isinstance(one, (int, float, list, dict)):
+                raise ConfigError(f"{line} is not a choice; give {key} the name of one")
+            if key.startswith("robot.") and isinstance(one, dict):
+                raise ConfigError(f"{line} would be merged into another body; name a FILE.yaml")
+        normal.append(line)
+    return normal
+
+
+def _parsed(overrides: Sequence[str]) -> list[Override]:
+    with explained():
+        return OverridesParser.create().parse_overrides(list(overrides))
+
+
+def _spelled(overrides: Sequence[str]) -> Iterator[str]:
+    """Overrides in Hydra's grammar: robots that are files are choices, and letters of any alphabet are
+    in quotes.
+    """
+    files: dict[str, Path] = {}
+
+    def choice(text: str) -> str:
+        path = Path(text.strip(" '\"")).expanduser()
+        # Called as no other choice is.
+        name = re.sub(r"\W", "-", path.stem, flags=re.ASCII) + "-file"
+        if files.setdefault(name, path) != path:
+            raise ConfigError(f"{files[name]} and {path} would both be robot={name}; rename one")
+        node = dataclasses.asdict(load_robot(path))
+        ConfigStore.instance().store(name, node, group="robot")
+        return name
+
+    for text in overrides:
+        key, equals, value = text.partition("=")
+        if not value.isascii() and not {*value} & {*"'\"[]{}(),"}:
+            value = f"'{value}'"
+        if key.lstrip("+") != "robot" or not value:
+            yield f"{key}{equals}{value}"
+        elif _FILE.search(value) and Path(value.strip("'")).is_file():  # whatever its name
+            yield f"{key}={choice(value)}"
+        else:
+            yield f"{key}={_FILE.sub(lambda found: choice(found[0]), value)}"
+
+
 def parse(overrides: Sequence[str], where: str) -> list[Override]:
-    """Overrides that each set one key to one value.
+    """Overrides of a run that is there, which each set one key to one value; imports their plugins.
 
     Args:
         overrides: such as ``ppo.iterations=50``.
@@ -186,83 +195,92 @@ def parse(overrides: Sequence[str], where: str) -> list[Override]:
     Raises:
         ConfigError: for anything else.
     """
-    with explained(overrides):
-        parsed = OverridesParser.create().parse_overrides(normalised(overrides))
+    parsed = _parsed(normalised(overrides))
     for override in parsed:
         hydras = override.key_or_group.startswith("hydra")
         if override.is_sweep_override() or override.is_delete() or hydras:
             raise ConfigError(f"{override.input_line} has no meaning {where}")
+    _import_plugins(parsed)
     return parsed
 
 
-def amend(saved: DictConfig, overrides: Sequence[Override]) -> None:
-    """Applies overrides to the configuration that a run was started with.
+def amended(saved: dict, overrides: Sequence[Override], learning: bool = True) -> Config:
+    """The configuration that a run was started with, with overrides applied.
 
-    ``physics=OPTION`` changes how the bodies are stepped, and leaves these as they were.
+    ``physics=OPTION`` changes how the bodies are stepped, and leaves these as they were. The run's own
+    plugins are not imported.
 
     Raises:
         ConfigError: for an option that is not there, or a key that cannot be set so.
     """
+    config = OmegaConf.create({**saved, "plugins": []})
     for override in overrides:
         key, value = override.key_or_group, override.value()
-        if key in GROUPS and isinstance(value, str):
-            choices = sorted(file.stem for file in (conf_dir() / key).glob("*.yaml"))
-            if value not in choices:
-                raise ConfigError(f"{key}={value} is unknown; choose from {', '.join(choices)}")
-            value = read_yaml(conf_dir() / key / f"{value}.yaml")
-            if key == "physics":
-                value = {**{name: None for name in PhysicsConfig.STEPPING}, **value}
-        with explained([override.input_line]):
-            OmegaConf.update(saved, key, value, merge=True, force_add=True)
+        chosen = key in GROUPS and isinstance(value, str)
+        value = read_choice(key, value) if chosen else value
+        with explained():
+            merge = key == "physics" or not chosen
+            OmegaConf.update(config, key, value, merge=merge, force_add=True)
+    changed = typed_config(config, learning)
+    changed.physics.require()
+    return changed
 
 
 def register(overrides: Sequence[str] = ()) -> None:
-    """Tells Hydra the schema, the text of ``--help`` and what ``conf/`` computes.
+    """Tells Hydra the schema, and what ``conf/`` computes.
 
     Args:
         overrides: whose plugins are imported first, as these may bring learners with keys of their own.
     """
-    for override in OverridesParser.create().parse_overrides(list(overrides)):
+    _import_plugins(_parsed(overrides))
+    known = {name: learners.get(name) for name in learners.names()}
+    parts = [(name, part, dataclasses.field(default_factory=part)) for name, part in known.items()]
+    schema = dataclasses.make_dataclass("Schema", parts, bases=(Config,))
+    node = OmegaConf.structured(schema)
+    node.task = TaskConfig
+    for name in ("obs", "arena", "task", "network", *known):
+        OmegaConf.set_struct(node[name], False)  # their keys are those of what is chosen by name
+    ConfigStore.instance().store("locomotion", node)
+    OmegaConf.register_new_resolver("locomotion.jobs_at_once", _jobs_at_once, replace=True)
+    OmegaConf.register_new_resolver("locomotion.table", table, replace=True)
+
+
+def _import_plugins(overrides: Sequence[Override]) -> None:
+    for override in overrides:
         if override.key_or_group == "plugins" and isinstance(override.value(), list):
             import_plugins(map(str, override.value()))
-    sections: list[Any] = []
-    for name in learners.names():
-        options = learners.get(name)
-        sections.append((name, options, dataclasses.field(default_factory=options)))
-    schema = dataclasses.make_dataclass("Schema", sections, bases=(Config,))
-    store = ConfigStore.instance()
-    store.store("schema", node=schema)
-    store.store("locomotion", node={"template": help_template()}, group="hydra/help")
-    OmegaConf.register_new_resolver("jobs_at_once", _jobs_at_once, replace=True)
+
+
+class OwnFolder(SearchPathPlugin):
+    """A folder of one's own, which Hydra searches after the project's."""
+
+    path: Path | str | None = None
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        """Adds it, if there is one."""
+        if self.path is not None:
+            search_path.append("command-line", f"file://{Path(self.path).resolve()}")
 
 
 @contextmanager
-def _hydra() -> Iterator[None]:
+def _hydra(config_dir: Path | str | None) -> Iterator[None]:
     """Hydra with the project's configuration, and afterwards as it was."""
-    register()
-    others = version.getbase() if GlobalHydra.instance().is_initialized() else None
+    base, details, job = VersionBase.instance(), HydraConfig.instance(), JobRuntime.instance()
+    others, store = GlobalHydra.instance(), ConfigStore.instance()
+    before = base.version_base, details.cfg, job.conf, others.hydra, store.repo, OwnFolder.path
+    Plugins.instance().register(OwnFolder)
+    OwnFolder.path = config_dir
+    others.clear()
+    job.conf = OmegaConf.create()
+    # An application's own "config" would be taken for the schema of this one's.
+    groups = {name: part for name, part in store.repo.items() if isinstance(part, dict)}
+    store.repo = {**groups, "locomotion.yaml": store.repo["locomotion.yaml"]}
     try:
         with hydra.initialize_config_dir(str(conf_dir()), job_name="train", version_base="1.3"):
             yield
     finally:
-        if others is not None:
-            version.setbase(str(others))
-
-
-@contextmanager
-def explained(overrides: Sequence[str]) -> Iterator[None]:
-    """Turns what Hydra raises about a command line into a :class:`ConfigError`."""
-    try:
-        yield
-    except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
-        raise ConfigError(_explain(error)) from error
-    except RecursionError as error:
-        raise ConfigError("the configuration is nested too deeply") from error
-    except ValueError as error:
-        if isinstance(error, ConfigError):
-            raise
-        # Hydra's own, for a group that is set to a number; it does not say which.
-        raise ConfigError(f"{error} in {' '.join(overrides)}") from error
+        others = GlobalHydra.instance()
+        base.version_base, details.cfg, job.conf, others.hydra, store.repo, OwnFolder.path = before
 
 
 def _jobs_at_once(threads: int | None) -> int:
@@ -270,20 +288,3 @@ def _jobs_at_once(threads: int | None) -> int:
     from joblib import cpu_count  # knows of affinity and of a container's share
 
     return max(1, cpu_count() // (threads or cpu_count()))
-
-
-def _explain(error: Exception) -> str:
-    if getattr(error, "missing_cfg_file", None) == "hydra/launcher/joblib":
-        return "jobs side by side need a package: pip install hydra-joblib-launcher"
-    if isinstance(error, MissingConfigException) and error.options is not None:
-        group, _, option = error.missing_cfg_file.rpartition("/")
-        return f"{group}={option} is unknown; choose from {', '.join(error.options)}"
-    if isinstance(error, yaml.YAMLError):
-        return explain_yaml(error)
-    cause = error.__cause__ or error.__context__
-    if isinstance(cause, (ConfigAttributeError, ConfigKeyError)):
-        return explain(cause)
-    message = " ".join(str(error).split())
-    if isinstance(cause, OmegaConfBaseException):
-        return f"{message.removeprefix('Error merging override ')}: {str(cause).splitlines()[0]}"
-    return message

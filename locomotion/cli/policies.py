@@ -8,34 +8,30 @@ They speak training's language of overrides. ``robot=NAME`` takes the policy tha
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-
-from locomotion.cli.composing import amend, parse, register
-from locomotion.cli.help import listed, summary
-from locomotion.cli.refusal import refusing, require_writable
-from locomotion.config import GROUPS, Config, described, typed_config
-from locomotion.options import ConfigError, typed
+from locomotion.cli.composing import amended, parse
+from locomotion.cli.help import listed
+from locomotion.cli.refusal import refusing
+from locomotion.config import GROUPS, Config
+from locomotion.evaluation.shipped import policy_folder, shipped
+from locomotion.options import ConfigError, choices, described, learners, suggestion, summary, typed
 from locomotion.quiet import quiet
-from locomotion.runs import RunError, read_config
-
-#: The policies that ship, each the folder of a run that holds nothing but its configuration and a
-#: checkpoint of the policy.
-POLICIES = Path(__file__).resolve().parents[1] / "data" / "policies"
+from locomotion.runs import RunError, read_config, require_writable
 
 #: Parts of a run that may be changed under a policy.
 _CHANGEABLE = ("env", "physics", "arena", "seed", "plugins")
+#: Those of them that are chosen by name.
+_GROUPS = {"arena": "what robots walk on", "physics": "what steps them"}
 
 _HELP = """{title}
 
 {examples}
 
-Keys of this command, set by KEY=VALUE
+Keys of this command, set by KEY=VALUE, with their range and [default]
 {keys}
 
 Keys of the task, as the policy was trained on it unless set
@@ -90,7 +86,6 @@ class Command:
         if flags:
             raise ConfigError(f"{flags[0]} is not a flag of this command; --help shows its keys")
         overrides = parse(arguments, "for a policy that has been trained")
-        register([override.input_line for override in overrides])
         names = {field.name for field in dataclasses.fields(self.schema)}
         chosen: dict[str, Any] = {}
         own, task = {}, []
@@ -104,16 +99,13 @@ class Command:
                 task.append(override)
             else:
                 raise ConfigError(_misplaced(key, names))
-        folder = _folder(**chosen)
-        saved = OmegaConf.create(read_config(folder))
-        if not all(OmegaConf.is_dict(saved.get(part)) for part in ("env", "physics")):
+        folder = policy_folder(**chosen)
+        saved = read_config(folder)
+        if not all(isinstance(saved.get(part), dict) for part in ("env", "physics")):
             raise RunError(f"{folder} holds no run of this project")
-        # What a run was shown in need not be installed here, and its plugins are not imported.
-        saved.env.update(self._fixed)
-        saved.update(logger={}, plugins=[])
-        amend(saved, task)
-        config = typed_config(saved, learning=False)
-        config.physics.require()
+        saved["env"].update(self._fixed)
+        saved["logger"] = {}  # what a run was shown in need not be installed here
+        config = amended(saved, task, learning=False)
         for key, value in self._fixed.items():
             if getattr(config.env, key) != value:
                 shown = "null" if value is None else value
@@ -127,21 +119,23 @@ class Command:
         own = [
             ("robot", f"a policy that ships: {', '.join(shipped())} [gecko]"),
             ("run", "the folder of a run, in place of robot"),
+            ("plugins", "modules to import, such as [my_gaits], in which a run's choices are"),
             *((name, summary(field)) for name, field in described(self.schema)),
         ]
         task = [
-            (name, field.metadata["meaning"])
-            for name, field in described(Config)
-            if name.split(".")[0] in _CHANGEABLE and name.removeprefix("env.") not in self._fixed
+            *((group, f"{words}: {', '.join(choices(group))}") for group, words in _GROUPS.items()),
+            *(
+                (name, field.metadata["meaning"])
+                for name, field in described(Config)
+                if name.split(".")[0] in _CHANGEABLE
+                and name != "plugins"
+                and name.removeprefix("env.") not in self._fixed
+                and field.metadata
+            ),
         ]
         return _HELP.format(
             title=self.title, examples=self.examples, keys=listed(own), task=listed(task)
         ).rstrip()
-
-
-def shipped() -> list[str]:
-    """Robots for which a policy ships."""
-    return sorted(folder.name for folder in POLICIES.iterdir() if folder.is_dir())
 
 
 def _require_place(output: str | None) -> None:
@@ -152,25 +146,12 @@ def _require_place(output: str | None) -> None:
     require_writable(home)
 
 
-def _folder(robot: str | None = None, run: str | None = None) -> Path:
-    if run is None:
-        robot = robot or "gecko"
-        if robot not in shipped():
-            raise ConfigError(
-                f"robot={robot} has no policy that ships; choose from {', '.join(shipped())},"
-                " or run=FOLDER for one that was trained"
-            )
-        return POLICIES / robot
-    if robot is not None:
-        raise ConfigError(f"robot={robot} and run={run} name two policies; give one of them")
-    return Path(run)
-
-
 def _misplaced(key: str, options: set[str]) -> str:
     known = [*sorted(options), "robot", "run", *_CHANGEABLE]
     group = key.split(".")[0]
-    if group in GROUPS or group in {field.name for field in dataclasses.fields(Config)}:
+    parts = {*GROUPS, *learners.names(), *(field.name for field in dataclasses.fields(Config))}
+    if group in parts:
         return f"{key} is settled by training; what may change is {', '.join(known)}"
-    close = difflib.get_close_matches(key, known, n=1)
-    hint = f"did you mean {close[0]}? " if close else ""
+    task = [name for name, _ in described(Config) if name.split(".")[0] in _CHANGEABLE]
+    hint = suggestion(key, [*known, *task])
     return f"{key} is not a key; {hint}allowed are {', '.join(known)}"

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import sys
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NoReturn
 
-from locomotion.options import ConfigError
+import yaml
+from hydra.errors import HydraException, MissingConfigException
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
+
+from locomotion.options import ConfigError, explain
+from locomotion.options.files import explain_yaml
 from locomotion.runs import RunError, RunStopped
 
 
@@ -39,11 +42,29 @@ def refusing() -> Iterator[None]:
         sys.exit(130)
 
 
-def require_writable(folder: Path) -> None:
-    """Raises a :class:`RunError` if nothing can be written to a folder, which need not exist yet."""
+@contextlib.contextmanager
+def explained() -> Iterator[None]:
+    """Turns what Hydra raises about a command line into a :class:`ConfigError`."""
     try:
-        there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-        with tempfile.TemporaryFile(dir=there):
-            pass
-    except OSError as error:
-        raise RunError(f"{folder} cannot be written: {error.strerror}") from error
+        yield
+    except ConfigError:
+        raise
+    except (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError) as error:
+        raise ConfigError(_explain(error)) from error
+    except RecursionError as error:
+        raise ConfigError("the configuration is nested too deeply") from error
+
+
+def _explain(error: Exception) -> str:
+    if isinstance(error, MissingConfigException) and error.options is not None:
+        group, _, option = error.missing_cfg_file.rpartition("/")
+        return f"{group}={option} is unknown; choose from {', '.join(error.options)}"
+    if isinstance(error, yaml.YAMLError):
+        return explain_yaml(error)
+    cause = error.__cause__ or error.__context__
+    if isinstance(cause, (ConfigAttributeError, ConfigKeyError)):
+        return explain(cause)
+    message = " ".join(str(error).split())
+    if isinstance(cause, OmegaConfBaseException):
+        return f"{message.removeprefix('Error merging override ')}: {str(cause).splitlines()[0]}"
+    return message

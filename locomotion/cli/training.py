@@ -9,31 +9,23 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
-from locomotion.cli.composing import (
-    amend,
-    compose_job,
-    explained,
-    normalised,
-    parse,
-    register,
-    split_sweep,
-)
-from locomotion.cli.refusal import refuse, refusing, require_writable
+from locomotion.cli.composing import amended, compose_jobs, normalised, parse, register
+from locomotion.cli.refusal import refuse, refusing
 from locomotion.config import Config, typed_config
-from locomotion.options import ConfigError, conf_dir
-from locomotion.runs import differences, is_finished, read_config
+from locomotion.options import ConfigError, conf_dir, import_plugins
+from locomotion.runs import differences, is_finished, read_config, require_writable
 from locomotion.training.execute import execute
 
-#: Flags of Hydra that only inform.
-_INFORMING = ("help", "hydra_help", "cfg", "info", "shell_completion")
+_SWITCHES = ("--help -h", "--hydra-help", "--multirun -m", "--resolve", "--shell-completion -sc")
+_INFORMATION = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
 
 
 def main() -> None:
@@ -45,129 +37,87 @@ def main() -> None:
     # A launcher that runs jobs side by side stops them when it is interrupted, not when killed.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with refusing():
-        arguments = _parse()
-        folder, overrides = _resumed(arguments)
-        if folder is not None:
-            _resume(folder, overrides)
+        overrides, flags = _parse()
+        resumed = [text for text in overrides if text.startswith("resume=")]
+        if resumed:
+            _resume(resumed, [text for text in overrides if text not in resumed], flags)
             return
-        place = None if arguments.config_dir is None else Path(arguments.config_dir)
-        with explained(overrides):
-            overrides = normalised(overrides, place)
-            register(overrides)
-        if not arguments.shell_completion:
-            _check(arguments, overrides)
-        flags = [text for text in sys.argv[1:] if text.startswith("-")]
-        sys.argv[1:] = [*_without_config_dir(flags), *overrides]
+        overrides = normalised(overrides)
+        register(overrides)
+        _check(overrides, flags)
+        given = {f"--{name.replace('_', '-')}": value for name, value in flags.items()}
+        texts = (flag if value is True else f"{flag}={value}" for flag, value in given.items())
+        sys.argv[1:] = [*overrides, *texts]
         hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name="config")(run_job)()
 
 
 def run_job(config: DictConfig) -> float:
     """Runs a job that Hydra has composed; its result is the final reward, for sweepers."""
     with refusing():
+        import_plugins(config.plugins)  # a process of its own has not; the command line named them
         details = HydraConfig.get()
         # As it was checked: what referred to a time or a job's number has its value by now.
         files = {"hydra": {"hydra": details}, "overrides": details.overrides.task}
-        return _run(typed_config(config), Path(details.runtime.output_dir), files)
+        return _run(typed_config(config), Path(details.runtime.output_dir), files=files)
 
 
-def _run(
-    config: Config, folder: Path, files: Mapping[str, Any] | None = None, resumed: bool = False
-) -> float:
-    result = execute(config, folder, files=files, resumed=resumed)
-    if result.skipped:
-        print(f"{folder}: finished before, skipped", flush=True)
-    else:
-        reward = f"{result.reward:.4f} m per action in the last ten iterations"
-        print(f"{folder}: {reward}", flush=True)
+def _run(config: Config, folder: Path, **options: Any) -> float:
+    result = execute(config, folder, **options)
+    done = f"{result.reward:.4f} m per action in the last ten iterations"
+    print(f"{folder}: {'finished before, skipped' if result.skipped else done}", flush=True)
     return result.reward
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> None:
-        refuse(message)
-
-
-def _parse() -> argparse.Namespace:
-    """Hydra's flags, as far as they have a meaning here."""
-    parser = _Parser(add_help=False, allow_abbrev=False)
+def _parse() -> tuple[list[str], dict[str, Any]]:
+    """The overrides, and those of Hydra's flags that are given and have a meaning here."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.error = refuse  # in one line, without the usage
     parser.add_argument("overrides", nargs="*")
-    for flags in (("--help", "-h"), ("--hydra-help",), ("--multirun", "-m"), ("--resolve",)):
-        parser.add_argument(*flags, action="store_true")
-    parser.add_argument("--shell-completion", "-sc", action="store_true")
+    for flag in _SWITCHES:
+        parser.add_argument(*flag.split(), action="store_true")
     parser.add_argument("--cfg", "-c", choices=("job", "hydra", "all"))
-    parser.add_argument("--info", "-i", nargs="?", const="all")
+    parser.add_argument("--info", "-i", nargs="?", const="all", choices=_INFORMATION)
     parser.add_argument("--package", "-p")
-    parser.add_argument("--config-dir", "-cd")
-    arguments = parser.parse_intermixed_args()
-    if arguments.config_dir is not None and not Path(arguments.config_dir).is_dir():
-        raise ConfigError(f"--config-dir={arguments.config_dir} is not a folder")
-    if (arguments.resolve or arguments.package) and not arguments.cfg:
+    parser.add_argument("--config-dir", "-cd", type=Path)
+    flags = {name: value for name, value in vars(parser.parse_intermixed_args()).items() if value}
+    if "config_dir" in flags and not flags["config_dir"].is_dir():
+        raise ConfigError(f"--config-dir={flags['config_dir']} is not a folder")
+    if flags.keys() & {"resolve", "package"} and "cfg" not in flags:
         raise ConfigError("--resolve and --package go with --cfg")
-    if arguments.multirun and arguments.cfg:
+    if flags.keys() >= {"multirun", "cfg"}:
         raise ConfigError("--multirun does not go with --cfg")
-    return arguments
+    return flags.pop("overrides", []), flags
 
 
-def _without_config_dir(flags: list[str]) -> list[str]:
-    """Flags without the folder of one's own, which is in the search path by now."""
-    return [flag for flag in flags if not flag.startswith(("--config-dir", "-cd"))]
-
-
-def _resumed(arguments: argparse.Namespace) -> tuple[Path | None, list[str]]:
-    """The folder that ``resume=FOLDER`` names, if it is there, and the other overrides."""
-    folders = [text[7:] for text in arguments.overrides if text.startswith("resume=")]
-    others = [text for text in arguments.overrides if not text.startswith("resume=")]
-    if len(folders) > 1:
-        raise ConfigError("resume names several folders; a command resumes one run")
-    if folders and arguments.multirun:
-        raise ConfigError("resume=FOLDER resumes one run; a sweep resumes when started again")
-    flags = {name: value for name, value in vars(arguments).items() if name != "overrides"}
-    if folders and any(flags.values()):
-        raise ConfigError("resume=FOLDER goes with KEY=VALUE, and with no flag")
-    return (Path(folders[0]) if folders else None), others
-
-
-def _resume(folder: Path, overrides: list[str]) -> None:
-    """Resumes the run in a folder, in which only what leaves its numbers alone may change."""
-    parsed = parse(overrides, "with resume=FOLDER")
-    register([override.input_line for override in parsed])
-    saved = OmegaConf.create(read_config(folder))
-    saved.plugins = []  # a folder's are not imported; those of the command line are
-    before = typed_config(saved)
-    amend(saved, parsed)
-    config = typed_config(saved)
-    iterations = f"{config.learner.PREFIX}iterations"
-    for key, (there, asked) in differences(folder, config).items():
-        if key != iterations:
-            raise ConfigError(f"{asked} would change the run in {folder}, which has {there}")
-    if config.learner.iterations < before.learner.iterations:
-        raise ConfigError(
-            f"{iterations}={config.learner.iterations} must be at least the"
-            f" {before.learner.iterations} of the run"
-        )
-    config.physics.require()
-    require_writable(folder)
-    _run(config, folder, resumed=True)
-
-
-def _check(arguments: argparse.Namespace, overrides: list[str]) -> None:
-    """Composes the configuration of every job, and looks at their folders if they are to run.
-
-    Raises:
-        ConfigError: if one cannot be used.
-        RunError: if one's folder cannot.
-    """
-    informs = any(getattr(arguments, name) for name in _INFORMING)
-    jobs = split_sweep(overrides, arguments.multirun)
+def _check(overrides: Sequence[str], flags: Mapping[str, Any]) -> None:
+    """Composes the configuration of every job, and looks at their folders if they are to run."""
+    if "shell_completion" in flags:
+        return  # these are no overrides
     taken = set()
-    for number, job in enumerate([overrides] if jobs is None else jobs):
-        config, folder = compose_job(job, None if jobs is None else number)
+    for config, folder in compose_jobs(overrides, "multirun" in flags, flags.get("config_dir")):
         if folder in taken:
-            raise ConfigError(
-                f"two jobs would write to {folder}; hydra.sweep.subdir tells jobs apart"
-            )
+            raise ConfigError(f"two jobs would write to {folder}; hydra.sweep.subdir names folders")
         taken.add(folder)
-        if not informs:
+        if not flags.keys() - {"multirun", "config_dir"}:  # the others only inform
             config.physics.require()
             require_writable(folder)
             is_finished(folder, config)
+
+
+def _resume(resumed: Sequence[str], overrides: list[str], flags: Mapping[str, Any]) -> None:
+    """Resumes the run in a folder, in which only what leaves its numbers alone may change."""
+    if len(resumed) > 1 or flags:
+        raise ConfigError("resume=FOLDER resumes one run, with KEY=VALUE and without flags")
+    folder = Path(resumed[0].removeprefix("resume="))
+    amendments = parse(overrides, "with resume=FOLDER")
+    saved = read_config(folder)
+    least = amended(saved, []).learner.iterations
+    config = amended(saved, amendments)
+    iterations = f"{config.algorithm}.iterations"
+    for key, (there, asked) in differences(folder, config).items():
+        if key != iterations:
+            raise ConfigError(f"{asked} would change the run in {folder}, which has {there}")
+    if (asked := config.learner.iterations) < least:
+        raise ConfigError(f"{iterations}={asked} must be at least the {least} of the run")
+    require_writable(folder)
+    _run(config, folder, resumed=True)

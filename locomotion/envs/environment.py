@@ -26,6 +26,7 @@ from locomotion.tasks.work import hinge_work
 
 #: Readings that an environment gives unless it is told others.
 READINGS = ("hinge_position", "hinge_velocity", "core_orientation", "core_position")
+_FLAGS = ("done", "terminated", "truncated")
 
 
 class LocomotionEnv(EnvBase):
@@ -85,7 +86,6 @@ class LocomotionEnv(EnvBase):
         sensors = any(reading.sensors for reading in self._readings.values())
         self._physics = make_physics(compile_model(task, sensors), num_envs, physics)
         self._substeps = substeps(1 / period, task.physics_timestep)
-        self._settle_steps = round(task.settle_time / task.physics_timestep)
         self._step_limit = limits.step_limit
         at = self._physics.device
         self._start = torch.zeros(num_envs, 2, dtype=torch.float64, device=at)
@@ -96,8 +96,11 @@ class LocomotionEnv(EnvBase):
         if task.needs_work:
             self._physics.field("actuator_force")
             self._hooks.append(self._add_work)
+        # From the first step on physics computes all that is read.
+        self.observe()
+        task.reward(self._before(), self.state)
         self._make_specs(num_envs)
-        self.set_seed(_random_seed() if seed is None else seed)
+        self._set_seed(seed)
 
     def _make_specs(self, num_envs: int) -> None:
         at, limit = {"device": self.device}, self._task.target_limit
@@ -111,10 +114,7 @@ class LocomotionEnv(EnvBase):
         }
         self.observation_spec = Composite(observed, shape=(num_envs,), **at)
         self.reward_spec = Unbounded((num_envs, 1), dtype=torch.float32, **at)
-        flags = {
-            name: Binary(1, shape=(num_envs, 1), dtype=torch.bool, **at)
-            for name in ("done", "terminated", "truncated")
-        }
+        flags = {name: Binary(1, shape=(num_envs, 1), dtype=torch.bool, **at) for name in _FLAGS}
         self.done_spec = Composite(flags, shape=(num_envs,), **at)
 
     @property
@@ -150,7 +150,8 @@ class LocomotionEnv(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         # On the CPU wherever the robots are, so that they start in the same way.
-        self._generator = torch.Generator().manual_seed(_random_seed() if seed is None else seed)
+        seed = int(torch.randint(2**31, ())) if seed is None else seed
+        self._generator = torch.Generator().manual_seed(seed)
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDict:
         where = None if tensordict is None else tensordict.get("_reset", None)
@@ -161,8 +162,10 @@ class LocomotionEnv(EnvBase):
         targets = torch.empty(self.action_spec.shape, dtype=torch.float64)
         targets = targets.uniform_(-limit, limit, generator=self._generator).to(self._start.device)
         self._physics.reset(where)
-        diverged = self._physics.step(targets, self._settle_steps, where)
+        diverged = self._physics.step(targets, self._task.settle_steps, where)
         self._divergences.note(diverged, self._physics, targets)
+        if not self._task.settle_steps:
+            self._physics.forward(where)
         self._start_here(slice(None) if where is None else where)
         return self._result(*self._flags())
 
@@ -172,7 +175,10 @@ class LocomotionEnv(EnvBase):
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         action = tensordict.get("action")
-        diverged = self._take_substeps(action)
+        if self._task.needs_work:
+            self._work.zero_()
+        watch = self._call_hooks if self._hooks else None
+        diverged = self._physics.step(action, self._substeps, watch=watch)
         self._divergences.note(diverged, self._physics, action)
         reward = self.reward(self._before(), self.state).to(torch.float32).unsqueeze(-1)
         done, terminated, truncated = self._flags()
@@ -185,19 +191,10 @@ class LocomotionEnv(EnvBase):
             truncated &= ~terminated
         if diverged is not None or self._step_limit is not None:
             torch.logical_or(terminated, truncated, out=done)
-        return self._result(done, terminated, truncated, reward)
+        return self._result(done, terminated, truncated, reward=reward)
 
-    def _result(
-        self,
-        done: torch.Tensor,
-        terminated: torch.Tensor,
-        truncated: torch.Tensor,
-        reward: torch.Tensor | None = None,
-    ) -> TensorDict:
-        found: dict[str, torch.Tensor] = self.observe()
-        if reward is not None:
-            found["reward"] = reward
-        found.update(done=done, terminated=terminated, truncated=truncated)
+    def _result(self, *flags: torch.Tensor, **reward: torch.Tensor) -> TensorDict:
+        found = {**self.observe(), **reward, **dict(zip(_FLAGS, flags))}
         return TensorDict(found, batch_size=self.batch_size, device=self.device)
 
     def _before(self) -> RobotState:
@@ -238,21 +235,9 @@ class LocomotionEnv(EnvBase):
         finally:
             self._hooks.remove(hook)
 
-    def _take_substeps(self, action: torch.Tensor) -> torch.Tensor | None:
-        if not self._hooks:
-            return self._physics.step(action, self._substeps)
-        self._work.zero_()
-        diverged = sound = start = None
-        for _ in range(self._substeps):
-            wrong = self._physics.step(action, 1, sound)
-            start = self._physics.previous if start is None else start
-            if wrong is not None:
-                diverged = wrong if diverged is None else diverged | wrong
-                sound = ~diverged
-            for hook in self._hooks:
-                hook(self._physics)
-        self._physics.previous = start
-        return diverged
+    def _call_hooks(self, physics: Physics) -> None:
+        for hook in self._hooks:
+            hook(physics)
 
     def _add_work(self, physics: Physics) -> None:
         before = physics.previous[:, 1 + self.model.nq :]
@@ -266,17 +251,21 @@ class LocomotionEnv(EnvBase):
     def set_state(
         self, qpos: torch.Tensor, qvel: torch.Tensor, where: torch.Tensor | None = None
     ) -> None:
-        """Puts robots into a state, in which their episode begins.
+        """Puts robots into a state, in which their episode begins; no target is under way.
 
         Args:
             qpos: generalised positions, shape ``(num_envs, nq)`` or what is broadcast to it.
             qvel: generalised velocities, shape ``(num_envs, nv)`` likewise.
             where: which robots, bool of shape ``(num_envs,)``; ``None`` means all.
         """
-        rows = slice(None) if where is None else where
-        self._physics.qpos[rows] = qpos.to(self._physics.qpos)
-        self._physics.qvel[rows] = qvel.to(self._physics.qvel)
-        self._physics.forward()
+        nq, rows = self.model.nq, slice(None) if where is None else where
+        self._physics.reset(where)
+        motion = self._physics.motion.clone()
+        motion[:, 0] = self._task.settle_steps * self._task.physics_timestep
+        motion[:, 1 : 1 + nq] = qpos
+        motion[:, 1 + nq :] = qvel
+        self._physics.motion[rows] = motion[rows]
+        self._physics.forward(where)
         self._start_here(rows)
 
     def get_extra_state(self) -> dict[str, Any]:
@@ -299,10 +288,5 @@ class LocomotionEnv(EnvBase):
         return self._start.new_zeros(3, self.num_envs, 1, dtype=torch.bool).unbind()
 
     def close(self, **kwargs: Any) -> None:
-        if not self.is_closed:
-            self._physics.close()
+        self._physics.close()
         super().close(**kwargs)
-
-
-def _random_seed() -> int:
-    return int(torch.randint(2**31, ()))

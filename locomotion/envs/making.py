@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from locomotion.options import ConfigError, arenas, chosen, rewards, typed
+from locomotion.options import ConfigError, arenas, chosen, typed
 from locomotion.physics.options import PhysicsConfig
 from locomotion.robots.body import RobotConfig, load_robot
 from locomotion.robots.modular_robot import ModularRobot
-from locomotion.tasks.options import EnvConfig, TaskConfig
-from locomotion.tasks.rewards import Reward
+from locomotion.tasks.options import EnvConfig, TaskConfig, substeps
+from locomotion.tasks.rewards import make_rewards
 from locomotion.tasks.walk_away import WalkAway
 
 
@@ -35,6 +35,7 @@ def make_task(
         ConfigError: for an unknown name or option, or a value out of range.
     """
     env, physics = env or EnvConfig(), physics or PhysicsConfig()
+    substeps(env.control_frequency, physics.timestep)  # raises what dm-control says less plainly
     ground = chosen(arenas, arena or {"name": "ground"}, "arena").make(physics.friction)
     body = ModularRobot(
         robot.body,
@@ -58,18 +59,6 @@ def make_task(
         latency=physics.latency,
         clock_frequency=env.clock_frequency,
     )
-
-
-def make_rewards(options: Mapping[str, Any]) -> Sequence[Reward]:
-    """The rewards that ``task.rewards`` names.
-
-    Raises:
-        ConfigError: for an unknown name or option, or a value out of range.
-    """
-    return [
-        typed(rewards.get(name, "task.rewards"), values or {}, prefix=f"task.rewards.{name}.")
-        for name, values in options.items()
-    ]
 
 
 def task_and_physics(

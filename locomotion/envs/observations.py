@@ -8,9 +8,9 @@ from __future__ import annotations
 import dataclasses
 import enum
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from locomotion.options import Checked, ConfigError, key, readings
+from locomotion.options import Checked, ConfigError, key, readings, typed
 
 if TYPE_CHECKING:
     from torchrl.envs import Transform
@@ -42,6 +42,17 @@ class ObsTerm(Checked):
     def reading_of(self, name: str) -> str:
         """The reading of a term of that name."""
         return self.reading or name
+
+
+def typed_terms(options: Mapping[str, Any]) -> dict[str, ObsTerm]:
+    """Terms from plain values, each by its name; none is a term with default options.
+
+    Raises:
+        ConfigError: for an unknown key, or a value of the wrong type or range.
+    """
+    return {
+        name: typed(ObsTerm, term or {}, prefix=f"obs.{name}.") for name, term in options.items()
+    }
 
 
 def check_terms(terms: Mapping[str, ObsTerm]) -> None:

@@ -50,16 +50,16 @@ def _hinges(task: WalkAway) -> int:
 
 
 def _phase(state: RobotState) -> torch.Tensor:
-    angle = (2 * math.pi * state.task.clock_frequency * state.seconds).unsqueeze(-1)
-    return (
-        angle.new_empty(len(angle), 2).copy_(angle).add_(angle.new_tensor([0.5 * math.pi, 0])).sin()
-    )
+    angle = 2 * math.pi * state.task.clock_frequency * state.seconds
+    phase = angle.new_empty(len(angle), 2)
+    phase[:, 0], phase[:, 1] = angle.cos(), angle.sin()
+    return phase
 
 
 def _contact(state: RobotState) -> torch.Tensor:
     found = state.field("sensordata")
-    touch_map = state.task.touch_map(state.model).to(found)
-    return ((found > 0).to(found) @ touch_map).clamp(max=1)
+    touched = (found > 0).to(found) @ state.task.touch_map(state.model, found)
+    return touched.clamp(max=1)
 
 
 def _target(state: RobotState) -> torch.Tensor:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 
 import torch
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
 from torch import nn
-from torchrl.envs import ExplorationType, TransformedEnv, set_exploration_type
-from torchrl.modules import ProbabilisticActor
+from torchrl.envs import ExplorationType, ObservationNorm, TransformedEnv, set_exploration_type
+from torchrl.modules import GRUModule, LSTMModule
 
-from locomotion.agents.networks import RECURRENT_STATE
 from locomotion.config import Config
 from locomotion.envs.observations import make_transforms
 from locomotion.transforms import HingeHistory
@@ -29,21 +30,22 @@ class Controller(nn.Module):
         memory: the shape of each part of the memory, by name; all of it is 0 at the start.
     """
 
-    def __init__(self, config: Config, env: TransformedEnv, policy: ProbabilisticActor) -> None:
+    def __init__(self, config: Config, env: TransformedEnv, policy: TensorDictModuleBase) -> None:
         super().__init__()
-        self._policy = policy
+        self._policy = _without_branches(policy)
         self._limit = config.env.target_limit
         self._transforms = nn.ModuleList(make_transforms(config.obs)[0])
         spec, base = env.observation_spec, env.base_env.observation_spec
-        self.readings = {name: base[name].shape[-1] for name in base.keys()}
+        self.readings = {name: base[name].shape[-1] for name in base}
         self.memory: dict[str, tuple[int, ...]] = {}
         for transform in self._transforms:
             if isinstance(transform, HingeHistory):
                 (key,), length = transform.out_keys, spec[transform.out_keys[0]].shape[-1]
                 self.memory[key] = (length - length // transform.steps,)
-        self._recurrent = RECURRENT_STATE in spec.keys()
-        if self._recurrent:
-            self.memory[RECURRENT_STATE] = tuple(spec[RECURRENT_STATE].shape[1:])
+        # What a recurrent policy reads in one step is what it wrote for it in the step before.
+        written = set(policy.out_keys)
+        self._recurrent = [key for key in policy.in_keys if ("next", key) in written]
+        self.memory |= {key: tuple(spec[key].shape[1:]) for key in self._recurrent}
 
     def forward(
         self, readings: Mapping[str, torch.Tensor], memory: Mapping[str, torch.Tensor]
@@ -60,17 +62,49 @@ class Controller(nn.Module):
         """
         seen, following = TensorDict(dict(readings)), {}
         for transform in self._transforms:
+            (source,), (key,) = transform.in_keys, transform.out_keys
             if isinstance(transform, HingeHistory):
-                (source,), (key,) = transform.in_keys, transform.out_keys
-                history = torch.cat([seen[source], memory[key]])
-                seen[key], following[key] = history, history[: len(memory[key])].clone()
+                seen[key] = torch.cat([seen[source], memory[key]])
+                following[key] = seen[key][: len(memory[key])].clone()
+            elif isinstance(transform, ObservationNorm):  # it asks a tensor how it normalises
+                seen[key] = seen[source] * transform.scale + transform.loc
             else:
                 seen = transform(seen)
-        if self._recurrent:
-            seen[RECURRENT_STATE] = memory[RECURRENT_STATE]
-            seen["is_init"] = torch.zeros(1, dtype=torch.bool)
+        for key in self._recurrent:
+            seen[key] = memory[key]
         with set_exploration_type(ExplorationType.DETERMINISTIC):
             decided = self._policy(seen)
-        if self._recurrent:
-            following[RECURRENT_STATE] = decided["next", RECURRENT_STATE]
+        following |= {key: decided["next", key] for key in self._recurrent}
         return decided["action"].clamp(-self._limit, self._limit), following
+
+
+class _OneStep(TensorDictModuleBase):
+    """A recurrent module of TorchRL's in a step that begins no episode.
+
+    That module looks whether one begins, a branch that depends on data, which torch does not export.
+    """
+
+    def __init__(self, module: GRUModule | LSTMModule) -> None:
+        super().__init__()
+        self.in_keys = [key for key in module.in_keys if key != "is_init"]
+        self.out_keys = list(module.out_keys)
+        self.net = module.gru if isinstance(module, GRUModule) else module.lstm
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        value, *memory = (tensordict.get(key) for key in self.in_keys)
+        state = [part.unsqueeze(1) for part in memory]  # (layers, 1, hidden_size)
+        features, following = self.net(value[None, None], tuple(state) if state[1:] else state[0])
+        following = following if isinstance(following, tuple) else (following,)
+        tensordict.set(self.out_keys[0], features[0, 0])
+        for key, part in zip(self.out_keys[1:], following, strict=True):
+            tensordict.set(key, part.squeeze(1))
+        return tensordict
+
+
+def _without_branches(policy: TensorDictModuleBase) -> TensorDictModuleBase:
+    policy = copy.deepcopy(policy)
+    for parent in list(policy.modules()):
+        for name, module in list(parent.named_children()):
+            if isinstance(module, (GRUModule, LSTMModule)):
+                setattr(parent, name, _OneStep(module))
+    return policy

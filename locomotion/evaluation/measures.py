@@ -33,7 +33,7 @@ class Measure:
 
 
 MEASURES = {
-    "speed": Measure("m/s", "distance over time"),
+    "speed": Measure("m/s", "distance over the time of the whole walk"),
     "distance": Measure("m", "from where it started to where it ended"),
     "straightness": Measure("", "distance over length of path; 1 is a straight line"),
     "heading_drift": Measure("°/min", "how fast the direction of travel turns"),
@@ -55,7 +55,8 @@ def measure(walk: Walk) -> dict[str, torch.Tensor]:
     - Rolls: half the times that the core turned over, from upright to upside down or back, as
       rolling over once takes two.
 
-    A robot whose simulation diverged has nan for all but ``diverged``.
+    A robot whose simulation diverged has nan for all but ``diverged``, and one that did not move for
+    what is measured per metre.
     """
     seconds = walk.period * (len(walk.position) - 1)
     place = walk.position[..., :2]
@@ -63,6 +64,7 @@ def measure(walk: Walk) -> dict[str, torch.Tensor]:
     stride = max(1, round(STRIDE / walk.period))
     marks = torch.cat([place[:-1:stride], place[-1:]])
     path = marks.diff(dim=0).norm(dim=-1).sum(0)
+    path[path == 0] = math.nan  # nothing can be said per metre
     half = len(place) // 2
     first, second = place[half] - place[0], place[-1] - place[half]
     found = {
@@ -90,7 +92,7 @@ def _angle(one: torch.Tensor, other: torch.Tensor) -> torch.Tensor:
 def summarise(values: dict[str, torch.Tensor]) -> dict[str, Interval]:
     """Means over robots with 95% confidence intervals.
 
-    By Student's t, and by Wilson's score for shares of robots. What diverged is left out.
+    By Student's t, and by Wilson's score for shares of robots. What is unknown is left out.
 
     Args:
         values: what :func:`measure` returns.

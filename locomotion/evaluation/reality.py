@@ -133,6 +133,9 @@ def _ratio(values: torch.Tensor, nominal: torch.Tensor) -> Interval:
     def relative_variance(of: torch.Tensor) -> float:
         return (of.var() / len(of) / of.mean() ** 2).item() if len(of) > 1 else math.nan
 
+    if not nominal.mean():
+        return Interval(math.nan, math.nan, math.nan)  # a share of nothing
     ratio = (values.mean() / nominal.mean()).item()
-    half = 1.96 * abs(ratio) * math.sqrt(relative_variance(values) + relative_variance(nominal))
+    variance = relative_variance(nominal) + (relative_variance(values) if ratio else 0.0)
+    half = 1.96 * abs(ratio) * math.sqrt(variance)
     return Interval(ratio, ratio - half, ratio + half)

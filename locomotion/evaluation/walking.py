@@ -10,7 +10,7 @@ from pathlib import Path
 
 import torch
 from tensordict import TensorDictBase
-from torchrl.envs import ExplorationType, TransformedEnv, set_exploration_type
+from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
 from locomotion.config import Config
 from locomotion.evaluation.policy import load_policy
@@ -64,25 +64,34 @@ class Walk:
 
 
 class Walker:
-    """Robots and the policy that moves them; made by :func:`make_walker`.
+    """Robots and the policy that moves them.
+
+    Args:
+        env: a :class:`~locomotion.envs.LocomotionEnv`, with or without transforms around it.
+        policy: reads what the environment writes, and writes ``action``.
+        disturbances: none by default.
+        seed: of the directions of pushes.
 
     Attributes:
-        env: the environment, at the start of an episode after each :meth:`start`.
+        env: as given; at the start of an episode after each :meth:`start`.
+        base_env: the environment without transforms.
         period: time between two actions (s).
     """
 
     def __init__(
         self,
-        env: TransformedEnv,
+        env: EnvBase,
         policy: Callable[[TensorDictBase], TensorDictBase],
-        period: float,
-        disturbances: Disturbances,
-        seed: int,
+        disturbances: Disturbances | None = None,
+        seed: int = 0,
     ) -> None:
         self.env = env
-        self.period = period
+        self.base_env = env
+        while hasattr(self.base_env, "base_env"):
+            self.base_env = self.base_env.base_env
+        self.period = self.base_env.task.control_timestep
         self._policy = policy
-        self._disturbances = disturbances
+        self._disturbances = disturbances or Disturbances()
         self._pushes = torch.Generator().manual_seed(seed)
 
     def start(self) -> None:
@@ -113,7 +122,7 @@ class Walker:
         every = max(1, round(PUSH_INTERVAL / self.period))
         if not self._disturbances.push or self._steps % every != every // 2:
             return
-        velocity = self.env.base_env.physics.qvel
+        velocity = self.base_env.physics.qvel
         turns = torch.rand(len(velocity), generator=self._pushes).to(velocity.device)
         direction = 2 * math.pi * turns
         velocity[:, 0] += self._disturbances.push * direction.cos()
@@ -135,9 +144,9 @@ def make_walker(run: Path, config: Config, disturbances: Disturbances | None = N
     torch.manual_seed(config.seed)
     env = make_env(config)
     policy = load_policy(run, config, env)
-    if disturbances.noise:
+    if disturbances.noise and "hinge_position" in env.observation_spec:
         env.insert_transform(0, SensorNoise(disturbances.noise, ["hinge_position"]))
-    return Walker(env, policy, 1 / config.env.control_frequency, disturbances, config.seed)
+    return Walker(env, policy, disturbances, config.seed)
 
 
 def walk(
@@ -157,12 +166,12 @@ def walk(
         progress: called after each control step.
     """
     steps = max(1, round(seconds / walker.period))
-    physics = walker.env.base_env.physics
+    physics = walker.base_env.physics
     walker.start()
     meter = _Effort(walker) if effort else None
     positions, orientations = [physics.qpos[:, :3].clone()], [physics.qpos[:, 3:7].clone()]
     diverged = torch.zeros(len(physics.qpos), dtype=torch.bool, device=physics.device)
-    watched = nullcontext() if meter is None else walker.env.base_env.after_substep(meter.add)
+    watched = nullcontext() if meter is None else walker.base_env.after_substep(meter.add)
     with watched:
         for _ in range(steps):
             diverged |= walker.step(sampled)
@@ -185,7 +194,7 @@ class _Effort:
     """Adds work and overturns up over the physics steps of each control step."""
 
     def __init__(self, walker: Walker) -> None:
-        env = walker.env.base_env
+        env = walker.base_env
         self.work: list[torch.Tensor] = []
         self.overturns: list[torch.Tensor] = []
         self._upright = upwards(env.physics.qpos[:, 3:7]) > 0

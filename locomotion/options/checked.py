@@ -7,7 +7,9 @@ range is refused in the same words on the command line and from Python.
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
+from collections.abc import Iterable
 from typing import Any
 
 from omegaconf import MISSING
@@ -15,6 +17,12 @@ from omegaconf import MISSING
 
 class ConfigError(ValueError):
     """A configuration that cannot be used; the message is one line that names the key."""
+
+
+def suggestion(name: str, known: Iterable[str], prefix: str = "") -> str:
+    """A question for a message, about the name that was meant; empty if none is like it."""
+    close = difflib.get_close_matches(name, [*known], n=1)
+    return f"did you mean {prefix}{close[0]}? " if close else ""
 
 
 def key(
@@ -43,6 +51,13 @@ def key(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def limits(field: dataclasses.Field) -> list[str]:
+    """The limits of an option in words."""
+    words = {"above": "above", "least": "at least", "most": "at most"}
+    bounds = ((word, field.metadata.get(name)) for name, word in words.items())
+    return [f"{word} {bound:g}" for word, bound in bounds if bound is not None]
+
+
 class Checked:
     """Checks every field against the range in its metadata when an instance is made.
 
@@ -62,17 +77,15 @@ class Checked:
     def _check_range(self, field: dataclasses.Field, number: Any, value: Any) -> None:
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             return
-        limits = {name: field.metadata.get(name) for name in ("above", "least", "most")}
+        bounds = field.metadata
         inside = (
             math.isfinite(number)
-            and (limits["above"] is None or number > limits["above"])
-            and (limits["least"] is None or number >= limits["least"])
-            and (limits["most"] is None or number <= limits["most"])
+            and (bounds.get("above") is None or number > bounds["above"])
+            and (bounds.get("least") is None or number >= bounds["least"])
+            and (bounds.get("most") is None or number <= bounds["most"])
         )
         if not inside:
-            words = {"above": "above", "least": "at least", "most": "at most"}
-            wanted = [f"{words[name]} {x:g}" for name, x in limits.items() if x is not None]
-            self.refuse(field.name, value, " and ".join(wanted) or "finite")
+            self.refuse(field.name, value, " and ".join(limits(field)) or "finite")
 
     def refuse(self, name: str, value: Any, wanted: str) -> None:
         """Raises a :class:`ConfigError` that names a field, its value and what it must be."""

@@ -21,6 +21,22 @@ def conf_dir() -> Path:
     return next(path for path in (package / "conf", package.parent / "conf") if path.is_dir())
 
 
+def choices(group: str) -> list[str]:
+    """The choices of a group in ``conf/``."""
+    return sorted(file.stem for file in (conf_dir() / group).glob("*.yaml"))
+
+
+def read_choice(group: str, name: str) -> dict[str, Any]:
+    """The values of a choice in ``conf/``, such as ``read_choice("robot", "gecko")``.
+
+    Raises:
+        ConfigError: if there is none; the message says which there are.
+    """
+    if name not in choices(group):
+        raise ConfigError(f"{group}={name} is unknown; choose from {', '.join(choices(group))}")
+    return read_yaml(conf_dir() / group / f"{name}.yaml")
+
+
 def load_file(path: Path, schema: type[T]) -> T:
     """Reads a YAML file into a dataclass.
 

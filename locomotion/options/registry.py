@@ -14,13 +14,15 @@ Names in the folder of a run are looked up here, and never imported.
 
 from __future__ import annotations
 
-import difflib
+import functools
 import importlib
+import inspect
+import sys
 from collections.abc import Callable, Iterable
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, TypeVar
 
-from locomotion.options.checked import ConfigError
+from locomotion.options.checked import ConfigError, suggestion
 
 T = TypeVar("T")
 
@@ -39,6 +41,7 @@ class Registry:
         self._group = group
         self._home = home
         self._choices: dict[str, Any] = {}
+        self._origins: dict[str, tuple[Any, ...]] = {}
 
     def register(self, name: str) -> Callable[[T], T]:
         """Makes what it decorates a choice.
@@ -47,10 +50,13 @@ class Registry:
             ConfigError: if there is another choice of that name.
         """
 
+        frame = inspect.currentframe()
+        module = frame.f_back.f_globals.get("__name__") if frame and frame.f_back else None
+
         def add(choice: T) -> T:
-            known = self._choices.setdefault(name, choice)
             # A module that is imported a second time, as in a notebook, replaces what it registered.
-            if _origin(known) != _origin(choice):
+            origin = (module, getattr(choice, "__qualname__", None))
+            if self._origins.setdefault(name, origin) != origin:
                 raise ConfigError(f"there are two {self.kind}s called {name}")
             self._choices[name] = choice
             return choice
@@ -72,30 +78,38 @@ class Registry:
         Raises:
             ConfigError: if there is none; the message says which there are.
         """
+        name = str(name)
         if name not in self._choices:
             importlib.import_module(self._home)
         if name not in self._choices:
             for point in self._points():
                 if point.name == name:
-                    self._choices[name] = point.load()
+                    self._choices[name] = self._load(point)
         if name not in self._choices:
             known = self.names()
-            close = difflib.get_close_matches(str(name), known, n=1)
-            hint = f"did you mean {close[0]}? " if close else ""
-            raise ConfigError(
-                f"{key or self.kind}={name} is unknown; {hint}choose from {', '.join(known)}"
-            )
+            asked, hint = f"{key or self.kind}={name}", suggestion(name, known)
+            raise ConfigError(f"{asked} is unknown; {hint}choose from {', '.join(known)}")
         return self._choices[name]
 
-    def _points(self) -> Iterable[Any]:
-        return entry_points(group=self._group)
+    def _points(self) -> Iterable[EntryPoint]:
+        return _entry_points(self._group, tuple(sys.path))
+
+    def _load(self, point: EntryPoint) -> Any:
+        try:
+            return point.load()
+        except Exception as error:
+            raise ConfigError(
+                f"the {self.kind} {point.name} of {point.value} cannot be loaded: {_reason(error)}"
+            ) from error
 
 
-def _origin(choice: Any) -> tuple[str, str]:
-    return (
-        getattr(choice, "__module__", ""),
-        getattr(choice, "__qualname__", repr(choice)),
-    )
+@functools.cache  # looking into every package that is installed takes long
+def _entry_points(group: str, path: tuple[str, ...]) -> Iterable[EntryPoint]:
+    return entry_points(group=group)
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def import_plugins(modules: Iterable[str]) -> None:
@@ -110,8 +124,7 @@ def import_plugins(modules: Iterable[str]) -> None:
         except ConfigError:
             raise
         except Exception as error:
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise ConfigError(f"plugins={module} cannot be imported: {reason}") from error
+            raise ConfigError(f"plugins={module} cannot be imported: {_reason(error)}") from error
 
 
 readings = Registry("reading", "locomotion.readings", "locomotion.envs.readings")

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from omegaconf import OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
-from locomotion.options.checked import ConfigError
+from locomotion.options.checked import ConfigError, suggestion
 from locomotion.options.registry import Registry
 
 T = TypeVar("T")
@@ -28,6 +27,10 @@ def typed(schema: type[T], *layers: Any, prefix: str | None = None) -> T:
         ConfigError: for an unknown key, or a value of the wrong type or range.
     """
     prefix = getattr(schema, "PREFIX", "") if prefix is None else prefix
+    where = prefix.rstrip(".") or "the configuration"
+    for layer in layers:
+        if not (isinstance(layer, Mapping) or dataclasses.is_dataclass(layer)):
+            raise ConfigError(f"{where}={layer} must be keys and values")
     try:
         # Plain containers: a DictConfig could smuggle in keys that the schema does not have.
         plain = [
@@ -40,14 +43,14 @@ def typed(schema: type[T], *layers: Any, prefix: str | None = None) -> T:
             raise ConfigError(f"{prefix}{missing[0]} is missing")
         return OmegaConf.to_object(merged)
     except RecursionError as error:
-        where = prefix.rstrip(".") or "the configuration"
         raise ConfigError(f"{where} is nested too deeply") from error
     except OmegaConfBaseException as error:
         raise ConfigError(explain(error, prefix)) from error
-    except (TypeError, ValueError) as error:
-        if isinstance(error, ConfigError):
+    except ConfigError as error:
+        if prefix == getattr(schema, "PREFIX", "") or str(error).startswith(prefix):
             raise
-        where = prefix.rstrip(".") or "the configuration"
+        raise ConfigError(f"{prefix}{error}") from error  # the schema does not know where it stands
+    except (TypeError, ValueError) as error:
         raise ConfigError(f"{where}: {' '.join(str(error).split())}") from error
 
 
@@ -78,11 +81,10 @@ def explain(error: OmegaConfBaseException, prefix: str = "") -> str:
     """
     key = f"{prefix}{error.full_key}"
     if isinstance(error, (ConfigAttributeError, ConfigKeyError)):
-        if not dataclasses.is_dataclass(error.object_type):  # Hydra's own part
-            return f"{key} is not a key"
+        if not dataclasses.is_dataclass(error.object_type):
+            return f"{key} is not a key; + adds one"
         known = [field.name for field in dataclasses.fields(error.object_type)]
         parent, dot, name = key.rpartition(".")
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {parent}{dot}{close[0]}? " if close else ""
-        return f"{key} is not a key; {hint}allowed are {', '.join(known)}"
-    return f"{key}: {str(error.msg).splitlines()[0]}"
+        hint = suggestion(name, known, f"{parent}{dot}")
+        return f"{key} is not a key; {hint}allowed are {', '.join(known) or 'none'}"
+    return f"{key or 'the configuration'}: {str(error.msg).splitlines()[0]}"

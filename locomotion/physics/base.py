@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import mujoco
 import torch
 
 from locomotion.options import ConfigError
+from locomotion.tasks.options import delay_for
 
 #: Bounds of a sound simulation, as no robot gets there by itself: the core's height (m), its mean speed
 #: along the ground (m/s), and any other position or velocity (SI units).
 CEILING = 10.0
 MOST_SPEED = 20.0
 MOST_STATE = 1000.0
-#: A latency is shortened by this share of a timestep, so that one of whole timesteps is met however the
-#: clock is rounded.
-_LATENCY_MARGIN = 1e-3
 
 
 class Physics(abc.ABC):
@@ -37,8 +35,8 @@ class Physics(abc.ABC):
         model: as given.
         num_envs: as given.
         device: as given.
-        previous: times, positions and velocities before the last :meth:`step`, float64 of shape
-            ``(num_envs, 1 + nq + nv)``.
+        previous: times, positions and velocities before the last :meth:`step`, or while it is watched
+            before the last physics step, float64 of shape ``(num_envs, 1 + nq + nv)``.
     """
 
     #: Physics steps that are taken, and checked, at a time.
@@ -54,6 +52,7 @@ class Physics(abc.ABC):
         self._known = torch.zeros(columns, dtype=torch.float64, device=device)
         self._known[:3] = 1.0
         self._steps_bounds: dict[int, tuple[torch.Tensor, torch.Tensor]] = {}
+        self._parameters: dict[str, torch.Tensor] = {}
         self.previous = torch.zeros(num_envs, columns, dtype=torch.float64, device=device)
 
     # What a backend provides.
@@ -76,14 +75,8 @@ class Physics(abc.ABC):
     def field(self, name: str) -> torch.Tensor:
         """A field of ``MjData``, a row a copy; a view that each step renews.
 
-        Derived fields are those of the last physics step.
-        """
-
-    @abc.abstractmethod
-    def expand(self, name: str) -> torch.Tensor:
-        """Gives a field of ``MjModel`` a value for each copy, and returns these to be written.
-
-        :meth:`set_const` must follow where other constants depend on the field, as for masses.
+        Derived fields are those of the last physics step; one that is asked for the first time is
+        computed of the states as they are, and from then on in every step.
         """
 
     @abc.abstractmethod
@@ -91,8 +84,12 @@ class Physics(abc.ABC):
         """Computes anew the constants that depend on parameters which were written."""
 
     @abc.abstractmethod
-    def forward(self) -> None:
-        """Computes derived fields of states that were written."""
+    def forward(self, where: torch.Tensor | None = None) -> None:
+        """Computes the derived fields that were asked for, of states that were written.
+
+        Args:
+            where: of which copies, bool of shape ``(num_envs,)``; ``None`` means all.
+        """
 
     @abc.abstractmethod
     def state_dict(self) -> dict[str, Any]:
@@ -105,6 +102,15 @@ class Physics(abc.ABC):
     @abc.abstractmethod
     def close(self) -> None:
         """Ends threads and frees what stepping takes; positions and velocities can still be read."""
+
+    @property
+    @abc.abstractmethod
+    def _history(self) -> torch.Tensor | None:
+        """Targets that are under way, a row a copy; ``None`` for a model without latency."""
+
+    @abc.abstractmethod
+    def _expand(self, name: str) -> torch.Tensor:
+        """Gives a field of ``MjModel`` a value for each copy."""
 
     @abc.abstractmethod
     def _reset(self, where: torch.Tensor | None) -> None:
@@ -132,6 +138,22 @@ class Physics(abc.ABC):
         """Generalised velocities, float64 of shape ``(num_envs, nv)``; a view of :attr:`motion`."""
         return self.motion[:, 1 + self.model.nq :]
 
+    def expand(self, name: str) -> torch.Tensor:
+        """Gives a field of ``MjModel`` a value for each copy, and returns these to be written.
+
+        :meth:`set_const` must follow where other constants depend on the field, as for masses.
+        """
+        if name not in self._parameters:
+            self._parameters[name] = self._expand(name)
+        return self._parameters[name]
+
+    def _load_parameters(self, values: Mapping[str, torch.Tensor]) -> None:
+        for name in values:
+            self.expand(name)
+        for name, own in self._parameters.items():
+            value = values[name] if name in values else torch.as_tensor(getattr(self.model, name))
+            own.copy_(value.reshape(-1, *own.shape[1:]))
+
     def reset(self, where: torch.Tensor | None = None) -> None:
         """Puts copies back to the model's initial state, at rest and at time 0.
 
@@ -141,7 +163,11 @@ class Physics(abc.ABC):
         self._reset(where)
 
     def step(
-        self, control: torch.Tensor, num_steps: int, where: torch.Tensor | None = None
+        self,
+        control: torch.Tensor,
+        num_steps: int,
+        where: torch.Tensor | None = None,
+        watch: Callable[[Physics], object] | None = None,
     ) -> torch.Tensor | None:
         """Steps copies under a control that is held.
 
@@ -155,6 +181,8 @@ class Physics(abc.ABC):
             num_steps: physics steps to take.
             where: which copies, bool of shape ``(num_envs,)``; the others stay as they are.
                 ``None`` means all.
+            watch: called with this object after each physics step; copies that diverged are already
+                back. The steps come out as they would without, but are taken one at a time.
 
         Returns:
             Which copies diverged, bool of shape ``(num_envs,)``; ``None`` if none did.
@@ -164,27 +192,31 @@ class Physics(abc.ABC):
         """
         if num_steps == 0 or (where is not None and not where.any()):
             return None
-        start = self.motion.clone()
-        given = self.control
-        if where is None:
-            given.copy_(control)
-        else:
-            given.copy_(torch.where(where[:, None], control, given))
+        start, given = self.motion.clone(), self.control
+        history = None if self._history is None else self._history.clone()
+        given.copy_(control if where is None else torch.where(where[:, None], control, given))
         wrong = given.isfinite().all(1).logical_not_()
-        before = start
-        for done in range(0, num_steps, self.MOST_STEPS):
-            steps = min(self.MOST_STEPS, num_steps - done)
-            self._advance(steps, where)
+        at_once = self.MOST_STEPS if watch is None else 1
+        moving, before, any_wrong = where, start, False
+        for done in range(0, num_steps, at_once):
+            steps = min(at_once, num_steps - done)
+            self._advance(steps, moving)
             wrong |= self._beyond(before, self.motion, steps)
-            if done + steps < num_steps:
+            last = done + steps == num_steps
+            if last or watch is not None:
+                if where is not None:
+                    wrong &= where
+                any_wrong = self._any(wrong)
+                if any_wrong:
+                    self._put_back(start, history, wrong)
+                    moving = ~wrong if where is None else where & ~wrong
+            if watch is not None:
+                self.previous = before
+                watch(self)
+            if not last:
                 before = self.motion.clone()
-        if where is not None:
-            wrong &= where
         self.previous = start
-        if not self._any(wrong):
-            return None
-        self._put_back(start, wrong)
-        return wrong
+        return wrong if any_wrong else None
 
     def _any(self, wrong: torch.Tensor) -> bool:
         """Whether a copy went wrong; the only place where the host waits for a device."""
@@ -204,14 +236,17 @@ class Physics(abc.ABC):
         off = torch.addcmul(ahead, start, self._known).sub_(end).abs_()
         return (off <= bound).all(1).logical_not_()  # in this form, so that nan is beyond
 
-    def _put_back(self, start: torch.Tensor, wrong: torch.Tensor) -> None:
-        initial = self.motion.new_zeros(start.shape[1])
-        initial[1 : 1 + self.model.nq] = torch.as_tensor(self.model.qpos0)
+    def _put_back(
+        self, start: torch.Tensor, history: torch.Tensor | None, wrong: torch.Tensor
+    ) -> None:
         lost = ~start[:, :3].isfinite().all(1) | self._beyond(start, start, 0)
         self.motion[wrong] = start[wrong]
-        self.motion[wrong & lost] = initial
         self.control[wrong] = self.control[wrong].nan_to_num(0.0, 0.0, 0.0)
+        if history is not None:
+            self._history[wrong] = history[wrong]
+        self._reset(wrong & lost)
         self._cleanse(wrong)
+        self.forward(wrong)
 
     def set_latency(self, latency: torch.Tensor | float) -> None:
         """Sets how late each copy's hinges get their targets.
@@ -223,16 +258,19 @@ class Physics(abc.ABC):
         Raises:
             ConfigError: if a latency is longer than the one that the model was compiled with.
         """
-        longest = torch.as_tensor(latency).max().item()
-        compiled = self.model.actuator_delay.max(initial=0.0)
-        if longest > compiled + 1e-9:
+        latency = torch.as_tensor(latency, dtype=torch.float64)
+        least, most = latency.min().item(), latency.max().item()
+        timestep = self.model.opt.timestep
+        room = max(0, self.model.actuator_history[:, 0].min() - 1) * timestep
+        if not least >= 0:
+            raise ConfigError(f"a latency of {least:g} s is not possible; it must be at least 0")
+        if not most <= room + 1e-3 * timestep:
             raise ConfigError(
-                f"a latency of {longest:g} s is beyond the {compiled:g} s that the model has room for;"
+                f"a latency of {most:g} s is beyond the {room:g} s that the model has room for;"
                 " physics.latency makes room"
             )
-        shortened = torch.as_tensor(latency) - _LATENCY_MARGIN * self.model.opt.timestep
         delay = self.expand("actuator_delay")
-        delay.copy_(shortened.clamp(min=0.0).reshape(-1, 1).to(delay))
+        delay.copy_(delay_for(latency, timestep).reshape(-1, 1))
 
 
 def _require_walker(model: mujoco.MjModel) -> None:

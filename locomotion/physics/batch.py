@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import warnings
 from collections.abc import Mapping
@@ -31,15 +32,17 @@ class BatchPhysics(Physics):
 
     def __init__(self, model: mujoco.MjModel, num_envs: int, threads: int | None = None) -> None:
         super().__init__(model, num_envs, torch.device("cpu"))
-        self._batch = Batch(model, num_envs, threads or _usable_cores())
+        # A robot that went wrong is seen by its state, which MuJoCo would otherwise make a sound one of.
+        own = copy.copy(model)
+        own.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        self._batch = Batch(own, num_envs, threads or _usable_cores())
         self._state = torch.from_numpy(self._batch.state)
         self._motion = self._state[:, : 1 + model.nq + model.nv]
         self._control = self._view(self._batch.bind("ctrl"))
         self._fields = {"qpos": self.qpos, "qvel": self.qvel}
-        self._parameters: dict[str, torch.Tensor] = {}
+        self._under_way = self._view(self._batch.bind("history")) if model.nhistory else None
         self._derives = False
-        if model.actuator_delay.any():
-            self.set_latency(float(model.actuator_delay.max()))
+        self._own_constants = False
         self.reset()
 
     @staticmethod
@@ -64,17 +67,20 @@ class BatchPhysics(Physics):
             self.forward()
         return self._fields[name]
 
-    def expand(self, name: str) -> torch.Tensor:
-        if name not in self._parameters:
-            self._parameters[name] = self._view(self._batch.expand(name))
-        return self._parameters[name]
+    @property
+    def _history(self) -> torch.Tensor | None:
+        return self._under_way
+
+    def _expand(self, name: str) -> torch.Tensor:
+        return self._view(self._batch.expand(name))
 
     def set_const(self) -> None:
         self._batch.set_const()
+        self._own_constants = True
 
-    def forward(self) -> None:
+    def forward(self, where: torch.Tensor | None = None) -> None:
         if self._derives:
-            self._batch.forward()
+            self._batch.forward(None if where is None else where.numpy())
 
     def _reset(self, where: torch.Tensor | None) -> None:
         self._batch.reset(None if where is None else where.numpy(), stage=_NO_STAGE)
@@ -86,21 +92,24 @@ class BatchPhysics(Physics):
             pass  # these kept the state, and so the time, that they had
 
     def state_dict(self) -> dict[str, Any]:
-        parameters = {name: value.clone() for name, value in self._parameters.items()}
-        return {"state": self._state.clone(), "parameters": parameters}
+        return {
+            "state": self._state.clone(),
+            "parameters": {name: value.clone() for name, value in self._parameters.items()},
+            "own_constants": self._own_constants,
+        }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        for name, value in state["parameters"].items():
-            self.expand(name).copy_(value)
-        if state["parameters"]:
+        self._load_parameters(state["parameters"])
+        if self._own_constants or state["own_constants"]:
             self.set_const()
         self._state.copy_(state["state"])
+        self.forward()
 
     def close(self) -> None:
         if self._batch is not None:
             self._motion, self._control = self._motion.clone(), self._control.clone()
             self._fields, self._parameters = {"qpos": self.qpos, "qvel": self.qvel}, {}
-            self._state = None
+            self._state = self._under_way = None
             self._batch = None
 
 

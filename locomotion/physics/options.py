@@ -24,8 +24,6 @@ class PhysicsConfig(Checked):
     """The physics, and what steps it."""
 
     PREFIX = "physics."
-    #: The keys of how robots are stepped, which leave their movements alone but for rounding.
-    STEPPING = ("backend", "device", "threads", "contacts")
 
     backend: PhysicsBackend = key(
         "threaded: MuJoCo on the CPU; warp: MuJoCo Warp, for GPUs", default=PhysicsBackend.threaded

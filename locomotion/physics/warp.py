@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import mujoco
@@ -32,7 +33,8 @@ class WarpPhysics(Physics):
 
     Contacts are found as MuJoCo finds them. The solver stops at a tolerance of 1e-6 or the model's,
     whichever is larger, which is Warp's doing: float32 has no more digits. A copy that is not to be
-    stepped is stepped with the others, and put back.
+    stepped is stepped with the others, and put back. Derived places such as ``xpos`` are Warp's: along the
+    ground they count from where the core was when the step began.
 
     Args:
         model: the compiled model.
@@ -57,12 +59,11 @@ class WarpPhysics(Physics):
         self._warp_device = _warp_device(device)
         self._motion = self.previous.clone()
         self._graphs: dict[int, wp.Graph] = {}
-        self._parameters: dict[str, torch.Tensor] = {}
+        self._fields: dict[str, torch.Tensor] = {}
         with wp.ScopedDevice(self._warp_device):
             self._model = mjw.put_model(_with_mujocos_contacts(model))
-            self._model.opt.warn_overflow = (
-                0  # a part of it is raised below, the rest does not matter
-            )
+            # A part of it is raised below, the rest does not matter.
+            self._model.opt.warn_overflow = 0
             # Robots share the room for contacts, but not that for constraints. One that has gone
             # wrong can be in the ground with all corners, and must not take the room of others.
             rows = _rows(model, self.contacts)
@@ -79,13 +80,12 @@ class WarpPhysics(Physics):
             self._qvel32 = wp.to_torch(self._data.qvel)
             self._control = wp.to_torch(self._data.ctrl)
             self._overflow = wp.to_torch(self._data.overflow)
-            self._history = wp.to_torch(self._data.history) if model.nhistory else None
+            self._under_way = wp.to_torch(self._data.history) if model.nhistory else None
             self._moments = torch.as_tensor(_history_times(model), device=self.device)
             mjw.step(self._model, self._data)  # loads all kernels, before any capture
         # From here on all is done on torch's stream, and the above was not.
         wp.synchronize_device(self._warp_device)
-        if model.actuator_delay.any():
-            self.set_latency(float(model.actuator_delay.max()))
+        self._overflow.zero_()
         self.reset()
 
     @property
@@ -101,29 +101,51 @@ class WarpPhysics(Physics):
             return self._motion[:, 0]
         if name in ("qpos", "qvel"):
             return getattr(self, name)
-        return wp.to_torch(getattr(self._data, name))
+        if name not in self._fields:
+            self._fields[name] = wp.to_torch(getattr(self._data, name))
+            self.forward()
+        return self._fields[name]
 
-    def expand(self, name: str) -> torch.Tensor:
-        if name not in self._parameters:
-            shared = getattr(self._model, name)
-            repeated = np.repeat(shared.numpy()[:1], self.num_envs, axis=0)
-            own = wp.array(repeated, dtype=shared.dtype, device=self._warp_device)
-            setattr(self._model, name, own)
-            self._parameters[name] = wp.to_torch(own)
-            self._graphs.clear()  # they read the shared one
-        return self._parameters[name]
+    @property
+    def _history(self) -> torch.Tensor | None:
+        return self._under_way
+
+    def _expand(self, name: str) -> torch.Tensor:
+        shared = getattr(self._model, name)
+        repeated = np.repeat(shared.numpy()[:1], self.num_envs, axis=0)
+        own = wp.array(repeated, dtype=shared.dtype, device=self._warp_device)
+        setattr(self._model, name, own)
+        self._graphs.clear()  # they read the shared one
+        return wp.to_torch(own)
 
     def set_const(self) -> None:
         # Constants that depend on others have a value for each copy too.
         for name in ("body_subtreemass", "body_invweight0", "dof_invweight0", "actuator_acc0"):
             self.expand(name)
+        if "geom_size" in self._parameters:
+            for name in ("geom_aabb", "geom_rbound"):
+                self.expand(name)
         with wp.ScopedDevice(self._warp_device):
             mjw.set_const(self._model, self._data)
 
-    def forward(self) -> None:
-        self._load()
-        with wp.ScopedDevice(self._warp_device):
-            mjw.forward(self._model, self._data)
+    def forward(self, where: torch.Tensor | None = None) -> None:
+        if self._fields:
+            with self._keeping(where):
+                self._load()
+                with wp.ScopedDevice(self._warp_device):
+                    mjw.forward(self._model, self._data)
+            self._overflow.zero_()
+
+    @contextlib.contextmanager
+    def _keeping(self, where: torch.Tensor | None) -> Iterator[None]:
+        """Leaves copies other than those as they are, though Warp steps all of them."""
+        kept = [] if where is None else [self._motion, *self._fields.values()]
+        if where is not None and self._under_way is not None:
+            kept.append(self._under_way)
+        before = [view.clone() for view in kept]
+        yield
+        for view, old in zip(kept, before):
+            view.copy_(torch.where(where.reshape(-1, *[1] * (view.dim() - 1)), view, old))
 
     def _reset(self, where: torch.Tensor | None) -> None:
         rows = slice(None) if where is None else where
@@ -132,42 +154,33 @@ class WarpPhysics(Physics):
             self.model.qpos0, device=self.device
         )
         self._control[rows] = 0.0
-        if self._history is not None:
-            mask = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
-            chosen = mask if where is None else where.contiguous()
+        if self._under_way is not None:
+            chosen = None if where is None else wp.from_torch(where.contiguous())
             with wp.ScopedDevice(self._warp_device):
-                mjw.reset_history(self._model, self._data, wp.from_torch(chosen))
+                mjw.reset_history(self._model, self._data, chosen)
 
     def _advance(self, num_steps: int, where: torch.Tensor | None) -> None:
-        kept = None if where is None or self._history is None else self._history.clone()
-        time, xy = self._motion[:, :1].clone(), self._motion[:, 1:3].clone()
-        self._load()
-        self._overflow.zero_()
-        self._launch(num_steps)
-        end = torch.cat([self._time32[:, None], self._qpos32, self._qvel32], 1).double()
-        end[:, 1:3] += xy
-        end[:, :1] += time
-        if where is not None:
-            end = torch.where(where[:, None], end, self._motion)
-        self._motion.copy_(end)
-        if self._history is not None:
-            self._history[:, self._moments] += time.float()
-            if kept is not None:
-                self._history.copy_(torch.where(where[:, None], self._history, kept))
-        self._crowded = (self._overflow & _NO_ROOM) != 0
+        with self._keeping(where):
+            self._load()
+            self._launch(num_steps)
+            if self._under_way is not None:
+                self._under_way[:, self._moments] -= self._time32[:, None]
+            self._motion[:, 0] += num_steps * self.model.opt.timestep
+            self._motion[:, 1:3] += self._qpos32[:, :2]
+            self._motion[:, 3:] = torch.cat([self._qpos32[:, 2:], self._qvel32], 1)
 
     def _load(self) -> None:
         """Gives Warp the states, each at the origin and at time 0."""
         nq = self.model.nq
-        if self._history is not None:
-            self._history[:, self._moments] -= self._motion[:, :1].float()
         self._time32.zero_()
         self._qpos32.copy_(self._motion[:, 1 : 1 + nq])
         self._qpos32[:, :2] = 0.0
         self._qvel32.copy_(self._motion[:, 1 + nq :])
 
     def _any(self, wrong: torch.Tensor) -> bool:
-        crowded, any_wrong = torch.stack([(self._crowded & ~wrong).any(), wrong.any()]).tolist()
+        no_room = ((self._overflow & _NO_ROOM) != 0) & ~wrong
+        crowded, any_wrong = torch.stack([no_room.any(), wrong.any()]).tolist()
+        self._overflow.zero_()
         if crowded:
             raise ConfigError(
                 f"robots have more contacts at once than the {self.contacts} each that there is"
@@ -194,21 +207,21 @@ class WarpPhysics(Physics):
             wp.to_torch(left_over)[wrong] = 0.0
 
     def state_dict(self) -> dict[str, Any]:
-        state = {"motion": self._motion.clone(), "control": self._control.clone()}
-        if self._history is not None:
-            state["history"] = self._history.clone()
+        under_way = {} if self._under_way is None else {"history": self._under_way.clone()}
         return {
-            **state,
+            "motion": self._motion.clone(),
+            "control": self._control.clone(),
+            **under_way,
             "parameters": {name: value.clone() for name, value in self._parameters.items()},
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        for name, value in state["parameters"].items():
-            self.expand(name).copy_(value)
+        self._load_parameters(state["parameters"])
         self._motion.copy_(state["motion"])
         self._control.copy_(state["control"])
-        if self._history is not None:
-            self._history.copy_(state["history"])
+        if self._under_way is not None:
+            self._under_way.copy_(state["history"])
+        self.forward()
 
     def close(self) -> None:
         self._graphs.clear()

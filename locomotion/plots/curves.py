@@ -15,7 +15,7 @@ from locomotion.plots.observations import observations_name
 from locomotion.runs import RunError, read_config, read_record
 from locomotion.writing import replacing
 
-#: The report's curves, read off its pictures (see ``README.md`` beside the file).
+#: The report's curves, read off its pictures (see ``README.md`` next to the file).
 REPORT = Path(__file__).resolve().parents[1] / "data" / "report.csv"
 
 COLUMNS = ("iteration", "mean_reward", "mean_value")
@@ -68,12 +68,12 @@ def read_metrics(run: Path) -> np.ndarray:
     """The rows of a run's ``metrics.csv``, as a structured array with the columns' names.
 
     Raises:
-        RunError: if there is none, it has no row yet, or is no such file.
+        RunError: if there is none, it has no row yet, or is another file.
     """
     path = run / "metrics.csv"
     if not path.is_file():
         raise RunError(f"{run} holds no metrics.csv, so it is not a run's folder")
-    with path.open(errors="replace") as lines:
+    with path.open(encoding="utf-8", errors="replace") as lines:
         complete = [line for line in lines if line.endswith("\n")]
     if len(complete) < 2:
         raise RunError(f"{path} has no row yet")
@@ -86,7 +86,7 @@ def read_metrics(run: Path) -> np.ndarray:
             raise RunError(f"{path} has no column {column}")
         unknown = np.isnan(metrics[column]) & (column == "mean_value")  # not every learner has one
         if not (np.isfinite(metrics[column]) | unknown).all():
-            raise RunError(f"{path} has a {column} that is no number")
+            raise RunError(f"{path} has a {column} that is not a number")
     return metrics
 
 
@@ -94,7 +94,7 @@ def read_run(run: Path) -> Curve:
     """The curve of a run, named by the run's own configuration.
 
     Raises:
-        RunError: if the folder is no run, or the run has no row yet.
+        RunError: if the folder is not a run's, or the run has no row yet.
     """
     record = read_config(run)
     try:
@@ -118,6 +118,7 @@ def read_sweep(places: Sequence[Path]) -> list[Curve]:
     runs = {run.resolve(): run for place in places for run in find_runs(place)}
     curves: dict[str, Curve] = {}
     origins: dict[str, Path] = {}
+    free = free_keys()
     settings: dict[tuple[str, str], tuple[Path, object]] = {}
     for run in runs.values():
         if not has_rows(run):
@@ -127,7 +128,7 @@ def read_sweep(places: Sequence[Path]) -> list[Curve]:
             raise RunError(f"{origins[str(curve)]} and {run} are both {curve}")
         curves[str(curve)], origins[str(curve)] = curve, run
         for key, value in read_record(run).items():
-            if key == "seed" or key.startswith("obs.") or key in free_keys():
+            if key == "seed" or key.startswith("obs.") or key in free:
                 continue
             owner = curve.robot if key.startswith("robot.") else ""  # each robot has its own body
             first, known = settings.setdefault((owner, key), (run, value))
@@ -148,7 +149,7 @@ def read_csv(path: Path) -> list[Curve]:
     """
     rows: dict[tuple[str, str, int | None], list[list[float]]] = {}
     try:
-        with path.open(newline="") as file:
+        with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
             for row in reader:
                 seed = int(row["seed"]) if "seed" in row else None
@@ -167,7 +168,7 @@ def read_csv(path: Path) -> list[Curve]:
 
 def write_csv(path: Path, curves: Sequence[Curve]) -> None:
     """Writes the curves of runs into a file that :func:`read_csv` reads, one row an iteration."""
-    with replacing(path) as partial, partial.open("w", newline="") as file:
+    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("robot", "observations", "seed", *COLUMNS))
         for curve in curves:

@@ -1,4 +1,4 @@
-"""The figures: any runs beside each other, and the report's two."""
+"""The figures: any runs side by side, and the report's two."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def learning_curves(runs: Mapping[str, np.ndarray], reference: Sequence[Curve] =
 
     Args:
         runs: metrics of each run by its label.
-        reference: curves to draw dashed beside their rewards.
+        reference: curves to draw dashed with their rewards.
     """
     entries = len(runs) + len(reference)
     rows = -(-entries // 2) if entries > 1 else 0
@@ -144,7 +144,9 @@ def save(figure: Figure, target: Path) -> None:
     """
     formats = figure.canvas.get_supported_filetypes()
     if target.suffix[1:] not in formats:
-        raise RunError(f"{target}: no picture's ending; choose from {', '.join(sorted(formats))}")
+        raise RunError(
+            f"{target}: not the ending of a picture; choose from {', '.join(sorted(formats))}"
+        )
     try:
         with replacing(target) as partial:
             figure.savefig(partial, dpi=120)
@@ -156,7 +158,7 @@ def plot_learning_curves(run: Path, target: Path) -> None:
     """Draws the learning curve of one run into a picture.
 
     Raises:
-        RunError: if the folder is no run.
+        RunError: if the folder is not a run's.
     """
     save(learning_curves({str(run): read_metrics(run)}), target)
 

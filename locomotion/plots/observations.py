@@ -6,9 +6,8 @@ import functools
 from collections.abc import Mapping
 from typing import Any
 
-from locomotion.envs.observations import ObsTerm, Representation
-from locomotion.options import conf_dir, typed
-from locomotion.options.files import read_yaml
+from locomotion.envs.observations import ObsTerm, Representation, typed_terms
+from locomotion.options import choices, read_choice
 
 Terms = dict[str, ObsTerm]
 
@@ -36,9 +35,7 @@ def observations_label(name: str) -> str:
 
 
 def _typed(terms: Mapping[str, Any]) -> Terms:
-    found = {
-        name: typed(ObsTerm, term or {}, prefix=f"obs.{name}.") for name, term in terms.items()
-    }
+    found = typed_terms(terms)
     for term in found.values():  # the quaternion is how an orientation is read
         if term.representation is Representation.quaternion:
             term.representation = None
@@ -48,13 +45,15 @@ def _typed(terms: Mapping[str, Any]) -> Terms:
 def _description(terms: Terms) -> str:
     parts = []
     for name, term in terms.items():
-        words = []
-        if name == "hinge_position" or term.steps > 1:
+        reading, words = term.reading_of(name), []
+        if reading == "hinge_position" or term.steps > 1:
             words.append("1 step" if term.steps == 1 else f"{term.steps} steps")
-        if name == "core_orientation":
-            words.append(term.representation.value if term.representation else "orientation")
-        elif name != "hinge_position":
-            words.append(name.replace("_", " "))
+        if reading not in ("hinge_position", "core_orientation"):
+            words.append(reading.replace("_", " "))
+        if term.representation is not None:
+            words.append(term.representation.value)
+        elif reading == "core_orientation":
+            words.append("orientation")
         if term.scale != 1.0:
             words.append(f"x {term.scale:g}")
         parts.append(" ".join(words))
@@ -63,5 +62,4 @@ def _description(terms: Terms) -> str:
 
 @functools.cache
 def _choices() -> dict[str, Terms]:
-    paths = sorted((conf_dir() / "obs").glob("*.yaml"))
-    return {path.stem: _typed(read_yaml(path)) for path in paths}
+    return {name: _typed(read_choice("obs", name)) for name in choices("obs")}

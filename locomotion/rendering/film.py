@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
-import os
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
+from typing import Self
 
 import av
 import mujoco
 import numpy as np
-from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont
 
 from locomotion.options import ConfigError
-from locomotion.rendering.graphics import ADVICE, has_screen
+from locomotion.rendering.graphics import ADVICE, open_context
 from locomotion.rendering.motion import Motion
 from locomotion.writing import replacing
 
 _PATH_COLOUR = np.array([0.93, 0.35, 0.12, 1.0], np.float32)
 #: Room in the scene for the path; it is thinned to so many pieces.
 _MOST_PIECES = 400
-#: The small moving picture beside a film: its first seconds, pictures a second, width in pixels.
+_MOST_GEOMS = 10_000
+#: The small moving picture next to a film: its first seconds, pictures a second, width in pixels.
 _SMALL_SECONDS, _SMALL_FPS, _SMALL_WIDTH = 10.0, 12.5, 480
 #: Of moving pictures.
 _QUALITY = 55
@@ -36,49 +37,78 @@ def draw(motion: Motion, width: int, height: int) -> Iterator[np.ndarray]:
     Raises:
         ConfigError: if this machine cannot draw.
     """
-    context = getattr(mujoco, "GLContext", None)
-    if context is None:
-        raise ConfigError(f"{ADVICE}; MUJOCO_GL={os.environ.get('MUJOCO_GL')} switches drawing off")
-    if context.__module__ == "mujoco.glfw" and not has_screen():
-        # MuJoCo aborts the process where it cannot open a window for the second time.
-        raise ConfigError(f"{ADVICE}, and MUJOCO_GL=egl to be set before MuJoCo is imported")
-    model = motion.model
+    model = copy.copy(motion.model)  # whoever gave it may still use it
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     model.vis.quality.shadowsize = 1024  # larger ones take most of the time without a GPU
-    # Shadows of a directional light end near where it stands, and the ground is speckled there.
-    model.light_type[0] = mujoco.mjtLightType.mjLIGHT_SPOT
+    sun = model.nlight and model.light_type[0] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    if sun:
+        # Its shadows end near where it stands, and the ground is speckled there.
+        model.light_type[0] = mujoco.mjtLightType.mjLIGHT_SPOT
     camera = mujoco.MjvCamera()
     camera.distance, camera.azimuth, camera.elevation = 1.25, 120.0, -22.0
-    font = ImageFont.truetype(font_manager.findfont("DejaVu Sans"), max(10, height // 26))
+    font = ImageFont.load_default(max(10, height // 26))
     data = mujoco.MjData(model)
-    try:
-        renderer = mujoco.Renderer(model, height, width)
-    except Exception as error:  # each of MuJoCo's back ends raises its own
-        reason = " ".join(str(error).split())
-        raise ConfigError(f"{ADVICE} (MuJoCo says: {reason})") from error
-    with renderer:
+    with _Canvas(model, width, height) as canvas:
         for picture, qpos in enumerate(motion.qpos):
             data.qpos[:] = qpos
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_camlight(model, data)
-            _light_from_above(data, motion.follow(picture))
+            if sun:
+                _light_from_above(data, motion.follow(picture))
             camera.lookat[:2] = motion.follow(picture)
             camera.lookat[2] = 0.05
-            renderer.update_scene(data, camera)
-            _add_path(renderer.scene, motion.place[: picture + 1])
-            yield _captioned(renderer.render(), motion, picture, font)
+            pixels = canvas.draw(data, camera, motion.place[: picture + 1])
+            yield _captioned(pixels, motion, picture, font)
+
+
+class _Canvas:
+    """Draws scenes, with whatever OpenGL there is; MuJoCo's ``Renderer`` takes that of its import."""
+
+    def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
+        self._opengl = open_context(width, height)
+        try:
+            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        except Exception as error:
+            self._opengl.free()
+            reason = " ".join(str(error).split())
+            raise ConfigError(f"{ADVICE} (MuJoCo says: {reason})") from error
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._model, self._scene = model, mujoco.MjvScene(model, maxgeom=_MOST_GEOMS)
+        self._options, self._perturbation = mujoco.MjvOption(), mujoco.MjvPerturb()
+        self._frame = mujoco.MjrRect(0, 0, width, height)
+
+    def draw(self, data: mujoco.MjData, camera: mujoco.MjvCamera, places: np.ndarray) -> np.ndarray:
+        """Draws a state and a path on the ground."""
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(
+            self._model, data, self._options, self._perturbation, camera, everything, self._scene
+        )
+        _add_path(self._scene, places)
+        self._opengl.make_current()  # between two pictures somebody else may draw
+        mujoco.mjr_render(self._frame, self._scene, self._context)
+        pixels = np.empty((self._frame.height, self._frame.width, 3), np.uint8)
+        mujoco.mjr_readPixels(pixels, None, self._frame, self._context)
+        return pixels[::-1]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._opengl.make_current()
+        self._context.free()
+        self._opengl.free()
 
 
 def write_film(
     motion: Motion,
-    path: Path,
-    width: int,
-    height: int,
+    path: Path | str,
+    width: int = 800,
+    height: int = 450,
     progress: Callable[[], object] = lambda: None,
 ) -> list[Path]:
-    """Writes a film: ``.mp4``, with a small ``.webp`` of its first seconds beside it under the same
-    name, or a ``.webp`` or ``.gif`` alone.
+    """Writes a film: ``.mp4``, with a small ``.webp`` of its first seconds under the same name next to
+    it, or a ``.webp`` or ``.gif`` alone.
 
     Args:
         motion: what to show.
@@ -99,6 +129,7 @@ def write_film(
             yield picture
             progress()
 
+    path = Path(path)
     if path.suffix != ".mp4":
         _animate(path, [Image.fromarray(picture) for picture in drawn()], motion.fps)
         return [path]
@@ -113,9 +144,9 @@ def write_film(
 
     with replacing(path) as partial:
         _encode(partial, motion.fps, width, height, drawn(), keep)
-    beside = path.with_suffix(".webp")
-    _animate(beside, small, motion.fps / every)
-    return [path, beside]
+    small_path = path.with_suffix(".webp")
+    _animate(small_path, small, motion.fps / every)
+    return [path, small_path]
 
 
 def _animate(path: Path, pictures: list[Image.Image], fps: float) -> None:
@@ -186,7 +217,7 @@ def _captioned(
     image = Image.fromarray(picture)
     text = (
         f"step {motion.control_step[number]}   {number / motion.fps:.1f} s"
-        f"   {motion.speed(number):.2f} m/s"
+        f"   {motion.speed_at(number):.2f} m/s"
     )
     margin = font.size * 0.7
     ImageDraw.Draw(image).text(

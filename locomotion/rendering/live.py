@@ -26,7 +26,7 @@ def show_live(walker: Walker, seconds: float, sampled: bool = False) -> None:
     Raises:
         ConfigError: if MuJoCo cannot open its viewer.
     """
-    env = walker.env.base_env
+    env = walker.base_env
     data = mujoco.MjData(env.model)
     timestep = env.model.opt.timestep
     threads = {*threading.enumerate()}

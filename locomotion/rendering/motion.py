@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import mujoco
 import numpy as np
 
-from locomotion.evaluation import Walker, walk
+from locomotion.evaluation import Walker, measure, walk
 from locomotion.physics import Physics
 
 
@@ -19,24 +20,32 @@ class Motion:
     Attributes:
         model: the compiled model.
         fps: pictures a second.
-        qpos: generalised positions at each picture, shape ``(pictures, nq)``.
+        qpos: generalised positions at each picture, shape ``(pictures, nq)``; the first one is the
+            start, and the last one a picture before the end.
         control_step: number of the control step at each picture.
-        period: time of a control step (s).
+        seconds: how long the robot walked.
+        distance: from its start to its end (m), nan if the simulation diverged.
     """
 
     model: mujoco.MjModel
     fps: float
     qpos: np.ndarray
     control_step: np.ndarray
-    period: float
+    seconds: float
+    distance: float
 
     @property
     def place(self) -> np.ndarray:
         """Where the core is on the ground at each picture (m), shape ``(pictures, 2)``."""
         return self.qpos[:, :2]
 
-    def speed(self, picture: int) -> float:
-        """Distance from the start over time (m/s) at a picture."""
+    @property
+    def speed(self) -> float:
+        """Distance from start to end over the time between (m/s), as ``evaluate`` measures it."""
+        return self.distance / self.seconds
+
+    def speed_at(self, picture: int) -> float:
+        """Distance from the start over the time since then (m/s), as far as a picture."""
         way = self.place[picture] - self.place[0]
         return float(np.linalg.norm(way)) * self.fps / max(picture, 1)
 
@@ -48,8 +57,8 @@ class Motion:
 
 def record_motion(
     walker: Walker,
-    seconds: float,
-    fps: int,
+    seconds: float = 8.0,
+    fps: float = 25,
     sampled: bool = False,
     progress: Callable[[], object] = lambda: None,
 ) -> Motion:
@@ -57,21 +66,30 @@ def record_motion(
 
     Args:
         walker: who walks.
-        seconds: for how long.
+        seconds: for how long, rounded to control steps.
         fps: pictures a second; there is one at most for each physics step.
         sampled: whether actions are drawn, as in training, or are the policy's mean.
         progress: called after each control step.
     """
-    env = walker.env.base_env
+    env = walker.base_env
     moments: list[np.ndarray] = []
 
     def note(physics: Physics) -> None:
+        if not moments:
+            moments.append(physics.previous[0, 1 : 1 + env.model.nq].numpy(force=True).copy())
         moments.append(physics.qpos[0].numpy(force=True).copy())
 
     with env.after_substep(note):
-        walk(walker, seconds, sampled, progress=progress)
+        walked = walk(walker, seconds, sampled, progress=progress)
     rate = 1 / env.model.opt.timestep
     fps = min(fps, rate)
-    moments_of_pictures = np.arange(0, len(moments), rate / fps).astype(int)
-    steps = (moments_of_pictures / rate / walker.period).astype(int)
-    return Motion(env.model, fps, np.stack(moments)[moments_of_pictures], steps, walker.period)
+    pictures = max(1, math.floor(fps * (len(moments) - 1) / rate + 1e-9))
+    chosen = np.floor(np.arange(pictures) * rate / fps + 1e-9).astype(int)
+    return Motion(
+        model=env.model,
+        fps=fps,
+        qpos=np.stack(moments)[chosen],
+        control_step=np.floor(chosen / rate / walker.period + 1e-9).astype(int),
+        seconds=walker.period * (len(walked.position) - 1),
+        distance=measure(walked)["distance"][0].item(),
+    )

@@ -20,7 +20,9 @@ _CELL = 0.1
 _MARGIN = 2.0
 
 
-def write_page(motion: Motion, path: Path, progress: Callable[[], object] = lambda: None) -> None:
+def write_page(
+    motion: Motion, path: Path | str, progress: Callable[[], object] = lambda: None
+) -> None:
     """Writes the page. The mouse turns the view, moves it and zooms.
 
     The ground moves under the robot, which stays in view.
@@ -53,7 +55,7 @@ def write_page(motion: Motion, path: Path, progress: Callable[[], object] = lamb
                     frame.wxyz = data.xquat[body].copy()
             recording.insert_sleep(1 / motion.fps)
             progress()
-        with replacing(path) as partial:
+        with replacing(Path(path)) as partial:
             partial.write_text(recording.as_html(), encoding="utf-8")
     finally:
         with redirect_stdout(io.StringIO()):

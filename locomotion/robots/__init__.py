@@ -15,7 +15,17 @@ _ENTITIES = {
     "ModularRobot": "locomotion.robots.modular_robot",
 }
 
-__all__ = ["BodyError", "Module", "RobotConfig", "load_robot", "parse_body", *_ENTITIES]
+__all__ = [
+    "ActiveHinge",
+    "BodyError",
+    "Brick",
+    "Core",
+    "ModularRobot",
+    "Module",
+    "RobotConfig",
+    "load_robot",
+    "parse_body",
+]
 
 
 def __getattr__(name: str) -> Any:

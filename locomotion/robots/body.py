@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from locomotion.options import Checked, ConfigError, conf_dir, key, load_file, typed
+from locomotion.options import Checked, ConfigError, key, load_file, read_choice, typed
 from locomotion.robots.geometry import GEOMETRY, Box
 
 #: Longest chain of modules; what reads nested files gives up soon after.
@@ -63,10 +63,7 @@ def load_robot(robot: str | Path | RobotConfig | Mapping[str, Any]) -> RobotConf
         return typed(RobotConfig, dict(robot))
     if isinstance(robot, Path) or robot.endswith((".yaml", ".yml")):
         return load_file(Path(robot), RobotConfig)
-    known = sorted(file.stem for file in (conf_dir() / "robot").glob("*.yaml"))
-    if robot not in known:
-        raise ConfigError(f"robot={robot} is unknown; choose from {', '.join(known)}")
-    return load_file(conf_dir() / "robot" / f"{robot}.yaml", RobotConfig)
+    return typed(RobotConfig, read_choice("robot", robot))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,9 +135,9 @@ def placed_boxes(core: Module) -> Iterator[tuple[Module, Box, np.ndarray, np.nda
 def _parse_module(tree: Any, path: str) -> Module:
     if not isinstance(tree, Mapping):
         raise BodyError(f"{path}: expected a module such as {{module: brick}}, got {tree!r}")
-    for key in tree:
-        if key not in ("module", "rotation", "children"):
-            raise BodyError(f"{path}: unknown key {key!r}; allowed are module, rotation, children")
+    for name in tree:
+        if name not in ("module", "rotation", "children"):
+            raise BodyError(f"{path}: unknown key {name!r}; allowed are module, rotation, children")
     kind = tree.get("module")
     if kind not in GEOMETRY:
         raise BodyError(f"{path}: unknown module {kind!r}; choose from {', '.join(GEOMETRY)}")

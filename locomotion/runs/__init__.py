@@ -1,4 +1,4 @@
-"""What a run leaves in its folder: its record, checkpoints, metrics, and the loggers that show them.
+"""The folder of a run: its record, checkpoints and metrics, and the loggers that show them.
 
 Only light modules are imported here; the others are imported by name.
 """
@@ -11,6 +11,7 @@ from locomotion.runs.folder import (
     read_config,
     read_record,
     record,
+    require_writable,
 )
 
 __all__ = [
@@ -21,4 +22,5 @@ __all__ = [
     "read_config",
     "read_record",
     "record",
+    "require_writable",
 ]

@@ -1,4 +1,4 @@
-"""What a run goes on from, and what its policy is read from."""
+"""Checkpoints, from which a run is resumed and its policy is read."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def path_of(run: Path, iteration: int) -> Path:
 
 
 def _damage(path: Path) -> str | None:
-    """What is wrong with a checkpoint; ``None`` if all is well."""
+    """The damage of a checkpoint, in words; ``None`` if all is well."""
     try:
         with zipfile.ZipFile(path) as archive:
             if archive.testzip() is not None:

@@ -5,6 +5,7 @@ Nothing here imports anything heavy, so that a whole sweep is checked before tor
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ import yaml
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from locomotion.config import Config, as_dict, flat, free_keys
+from locomotion.config import Config, as_dict, free_keys
+from locomotion.options import flat
 from locomotion.writing import replacing
 
 
@@ -23,6 +25,16 @@ class RunError(ValueError):
 
 class RunStopped(RuntimeError):
     """A run that cannot go on, such as with a full disk; the message is one line that says why."""
+
+
+def require_writable(folder: Path) -> None:
+    """Raises a :class:`RunError` if nothing can be written to a folder, which need not exist yet."""
+    try:
+        there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise RunError(f"{folder} cannot be written: {error.strerror}") from error
 
 
 def record(folder: Path, **files: Any) -> None:
@@ -75,7 +87,22 @@ def read_record(folder: Path) -> dict[str, Any]:
     return dict(flat(read_config(folder)))
 
 
-def is_finished(folder: Path, config: Config) -> bool:
+def read_passed(folder: Path) -> dict[str, Any]:
+    """Names of the objects of somebody's own that a run was trained with, by argument."""
+    path = folder / ".hydra" / "passed.yaml"
+    try:
+        return dict(OmegaConf.to_container(OmegaConf.load(path)))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, yaml.YAMLError, OmegaConfBaseException) as error:
+        raise RunError(f"{path} cannot be read: {' '.join(str(error).split())}") from error
+
+
+def _listed(passed: Mapping[str, Any] | None) -> str:
+    return ", ".join(f"{key}={value}" for key, value in (passed or {}).items()) or "nothing passed"
+
+
+def is_finished(folder: Path, config: Config, passed: Mapping[str, Any] | None = None) -> bool:
     """Whether a folder holds the whole run of a configuration: rows, last checkpoint, picture.
 
     If not, the run may start there, or go on with what an interrupted one left.
@@ -83,16 +110,20 @@ def is_finished(folder: Path, config: Config) -> bool:
     Args:
         folder: the run's folder, which need not exist.
         config: the run that is wanted.
+        passed: names of the objects of somebody's own that it is trained with, by argument.
 
     Raises:
-        RunError: if the folder holds a run of another configuration. Keys that do not change a run's
-            numbers may differ.
+        RunError: if the folder holds a run of another configuration or with other objects. Keys that
+            do not change a run's numbers may differ.
     """
     metrics = folder / "metrics.csv"
     if not metrics.is_file():
         return False
     for there, asked in differences(folder, config).values():
         raise RunError(f"{folder} holds a run with {there}; with {asked} it needs another folder")
+    before = read_passed(folder)
+    if before != dict(passed or {}):
+        raise RunError(f"{folder} holds a run with {_listed(before)}, not with {_listed(passed)}")
     iterations = config.learner.iterations
     rows = metrics.read_bytes().count(b"\n") - 1
     last = folder / "checkpoints" / f"{iterations:06d}.ckpt"
@@ -119,6 +150,6 @@ def differences(folder: Path, config: Config) -> dict[str, tuple[str, str]]:
 
     return {
         key: (shown(found, key), shown(wanted, key))
-        for key in [*wanted, *(found.keys() - wanted.keys())]
+        for key in {**wanted, **found}
         if key not in free and shown(found, key) != shown(wanted, key)
     }

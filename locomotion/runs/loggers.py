@@ -142,9 +142,9 @@ class WeightsAndBiases(RunLogger):
 
 
 def _identity(folder: Path) -> str:
-    """What the run is called at Weights & Biases, kept for when it goes on."""
+    """The run's name at Weights & Biases, kept for when it is resumed."""
     path = folder / "wandb.id"
     if not path.is_file():
         with replacing(path) as partial:
-            partial.write_text(secrets.token_hex(8))
-    return path.read_text()
+            partial.write_text(secrets.token_hex(8), encoding="utf-8")
+    return path.read_text(encoding="utf-8")

@@ -1,8 +1,9 @@
-"""What a run reports while it goes on: one row of metrics an iteration."""
+"""The metrics of a run, one row an iteration."""
 
 from __future__ import annotations
 
 import errno
+import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 
 from locomotion.envs import Divergence
 from locomotion.runs import RunError
-from locomotion.writing import replacing
+from locomotion.writing import replacing, sync
 
 
 class MetricsWriter:
@@ -41,8 +42,10 @@ class MetricsWriter:
         self._file = path.open("ab", buffering=0)
 
     def write(self, row: Mapping[str, float]) -> None:
-        """Adds one row; the first one decides the columns."""
-        line = ",".join(f"{row[column]:.9g}" for column in self._columns or row) + "\n"
+        """Adds one row; the first one decides the columns, and what a later one lacks is nan."""
+        line = (
+            ",".join(f"{row.get(column, math.nan):.9g}" for column in self._columns or row) + "\n"
+        )
         if self._columns is None:
             self._columns = list(row)
             line = ",".join(self._columns) + "\n" + line
@@ -57,7 +60,7 @@ class MetricsWriter:
 
     def sync(self) -> None:
         """Makes sure that all rows are on the disk."""
-        os.fsync(self._file.fileno())
+        sync(self._file.fileno())
 
     def close(self) -> None:
         self._file.close()

@@ -1,4 +1,4 @@
-"""What a run leaves behind as it is trained: rows, curves elsewhere, checkpoints, progress."""
+"""The traces of a run as it is trained: rows, curves elsewhere, checkpoints, progress."""
 
 from __future__ import annotations
 
@@ -53,6 +53,7 @@ class Recorder:
         )
         self._checkpoints.remove_partial()
         self.completed = self._checkpoints.load_latest()
+        self._take_divergences()  # of robots that the checkpoint replaced
         self._metrics = MetricsWriter(folder, self.completed)
         self._logger = open_logger(folder, config, self.completed * self._frames)
         # No bar without a terminal, nor next to other jobs, whose bars would write over one another.

@@ -11,7 +11,6 @@ _NAMES = {
     "RobotState": "locomotion.tasks.state",
     "WalkAway": "locomotion.tasks.walk_away",
     "compile_model": "locomotion.tasks.model",
-    "make_task": "locomotion.tasks.making",
 }
 
 __all__ = list(_NAMES)

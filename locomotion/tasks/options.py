@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from locomotion.options.checked import Checked, ConfigError, key
 from locomotion.robots.geometry import HINGE_RANGE
+
+if TYPE_CHECKING:
+    import torch
+
+    Seconds = TypeVar("Seconds", float, torch.Tensor)
 
 #: Length of a physics step (s).
 TIMESTEP = 0.01
@@ -87,3 +92,16 @@ def substeps(control_frequency: float, timestep: float) -> int:
             f" {period:g} s (env.control_frequency={control_frequency})"
         )
     return round(exact)
+
+
+def delay_for(latency: Seconds, timestep: float) -> Seconds:
+    """The delay of MuJoCo's actuators by which targets arrive a latency late.
+
+    It is shorter, by at most a thousandth of a timestep, so that a latency of whole timesteps takes as
+    many of them however the clock is rounded.
+
+    Args:
+        latency: one or more (s), at least 0.
+        timestep: length of a physics step (s).
+    """
+    return latency - 1e-3 * timestep * latency / (latency + timestep)

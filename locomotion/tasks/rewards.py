@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from locomotion.options.checked import Checked, key
 from locomotion.options.registry import rewards
+from locomotion.options.typed import typed
 
 if TYPE_CHECKING:
     import torch
@@ -92,3 +94,15 @@ class Work(Reward):
 
     def __call__(self, before: RobotState, after: RobotState) -> torch.Tensor:
         return after.work
+
+
+def make_rewards(options: Mapping[str, Any]) -> list[Reward]:
+    """The rewards that ``task.rewards`` names.
+
+    Raises:
+        ConfigError: for an unknown name or option, or a value out of range.
+    """
+    return [
+        typed(rewards.get(name, "task.rewards"), values or {}, prefix=f"task.rewards.{name}.")
+        for name, values in options.items()
+    ]

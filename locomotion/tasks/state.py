@@ -55,7 +55,7 @@ class RobotState:
     @property
     def seconds(self) -> torch.Tensor:
         """Time since the episodes began (s), shape ``(robots,)``."""
-        return self.field("time") - self.task.settle_time
+        return self.field("time") - self.task.settle_steps * self.task.physics_timestep
 
     def in_core_frame(self, vectors: torch.Tensor) -> torch.Tensor:
         """Turns vectors of the world's frame, shape ``(robots, 3)``, into the cores' frames."""

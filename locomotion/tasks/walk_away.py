@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
 
 import mujoco
@@ -13,7 +14,7 @@ from dm_env import specs
 
 from locomotion.arenas.ground import Ground
 from locomotion.robots.modular_robot import ModularRobot
-from locomotion.tasks.options import TIMESTEP, EnvConfig
+from locomotion.tasks.options import TIMESTEP, EnvConfig, delay_for
 from locomotion.tasks.rewards import Distance, Reward
 from locomotion.tasks.state import RobotState
 from locomotion.tasks.work import hinge_work
@@ -21,6 +22,11 @@ from locomotion.tasks.work import hinge_work
 _DEFAULTS = EnvConfig()
 #: Prefix of the sensors that tell whether a module touches the ground.
 _CONTACT = "contact:"
+#: What makes contacts with a geom other than MuJoCo's default, but for its friction.
+_CONTACT_PROPERTIES = {
+    *("dclass", "contype", "conaffinity", "condim", "priority", "solmix", "solref", "solimp"),
+    *("margin", "gap"),
+}
 
 
 class WalkAway(composer.Task):
@@ -33,15 +39,15 @@ class WalkAway(composer.Task):
     Args:
         robot: the robot, already built.
         arena: what it walks on, with ``ground_geoms``; a new :class:`~locomotion.arenas.ground.Ground`
-            by default.
+            by default. What else is in the way is to be there before the task is made.
         rewards: what is paid for, added up; by default the distance from the start gained.
         control_timestep: time between actions (s).
         physics_timestep: length of a physics step (s); must divide ``control_timestep``.
         settle_time: how long the robot settles at the start (s).
         target_limit: hinge targets are clipped to so much to either side (rad).
         latency: how late hinges get their targets (s). MuJoCo keeps the targets that are under way.
-            Robots that are stepped together may each have a shorter latency, through
-            ``physics.expand("actuator_delay")``.
+            Robots that are stepped together may each have a shorter one, through
+            :meth:`Physics.set_latency() <locomotion.physics.Physics.set_latency>`.
         clock_frequency: of the reading ``phase_clock`` (Hz).
     """
 
@@ -64,15 +70,18 @@ class WalkAway(composer.Task):
         self.target_limit = target_limit
         self.clock_frequency = clock_frequency
         self._arena = Ground() if arena is None else arena
+        plain = _is_plain(self._arena)
         frame = self._arena.add_free_entity(robot)
         frame.pos = (0.0, 0.0, robot.standing_height)
-        self._touch_ground()
+        if plain:
+            self._name_contacts()
         self._sense_contacts()
         for actuator in robot.actuators:
             actuator.ctrlrange = (-target_limit, target_limit)  # MuJoCo clips the targets
             if latency:
                 samples = int(np.ceil(latency / physics_timestep - 1e-9)) + 1
-                actuator.set_attributes(delay=latency, nsample=samples, interp="zoh")
+                delay = delay_for(latency, physics_timestep)
+                actuator.set_attributes(delay=delay, nsample=samples, interp="zoh")
         option = self._arena.mjcf_model.option
         option.timestep = physics_timestep
         option.integrator = "implicitfast"
@@ -81,31 +90,38 @@ class WalkAway(composer.Task):
         # few contacts a warm start costs more than it saves.
         option.flag.warmstart = "disable"
         self.set_timesteps(control_timestep, physics_timestep)
-        self._touch_maps: dict[int, torch.Tensor] = {}
+        # dm-control compiles a model anew for every episode.
+        self._touch_maps: weakref.WeakKeyDictionary[mujoco.MjModel, torch.Tensor] = (
+            weakref.WeakKeyDictionary()
+        )
         self._observables: dict[str, observable.Observable] = {}
         self._start = torch.zeros(1, 2, dtype=torch.float64)
         self._work: torch.Tensor | None = None
+        self._felt: np.ndarray | None = None
 
-    def _touch_ground(self) -> None:
-        ground = self._arena.ground_geoms
+    def _name_contacts(self) -> None:
+        """Says the contacts that there can be as explicit pairs.
+
+        This spares the search for pairs of geoms that might touch, and gives the same contacts. Leaving
+        out end plates behind bricks changes contacts a little and gaits by less than 2%
+        (reproduction/same_gait.py).
+        """
+        (ground,) = self._arena.ground_geoms
         geoms = self.robot.mjcf_model.find_all("geom")
         touching = [geom for geom in geoms if geom not in self.robot.covered_geoms]
-        if len(ground) == 1:
-            # Said as explicit pairs, this spares the search for pairs of geoms that might touch, and
-            # gives the same contacts. Leaving out end plates behind bricks changes contacts a little
-            # and gaits by less than 2% (benchmarks/same_gait.py).
-            for geom in touching:
-                sliding = max(ground[0].friction[0], geom.friction[0])
-                self._arena.mjcf_model.contact.add(
-                    "pair", geom1=ground[0], geom2=geom, condim=3, friction=(sliding, sliding)
-                )
-            # No other robot is there. MuJoCo leaves out pairs within a body, and between a body and
-            # its parent, which a hinge lets overlap.
-            limbs = touching if self.robot.self_collision else ()
-            for geom in geoms:
-                geom.set_attributes(contype=2 * (geom in limbs), conaffinity=2 * (geom in limbs))
-            for exclusion in self.robot.mjcf_model.contact.get_children("exclude"):
-                exclusion.remove()  # a body that is named here is not fused with its parent
+        on_ground = 1.0 if ground.friction is None else ground.friction[0]
+        for geom in touching:
+            sliding = max(on_ground, geom.friction[0])
+            self._arena.mjcf_model.contact.add(
+                "pair", geom1=ground, geom2=geom, condim=3, friction=(sliding, sliding)
+            )
+        # MuJoCo leaves out pairs within a body, and between a body and its parent, which a hinge lets
+        # overlap.
+        limbs = touching if self.robot.self_collision else ()
+        for geom in geoms:
+            geom.set_attributes(contype=2 * (geom in limbs), conaffinity=2 * (geom in limbs))
+        for exclusion in self.robot.mjcf_model.contact.get_children("exclude"):
+            exclusion.remove()  # a body that is named here is not fused with its parent
 
     def _sense_contacts(self) -> None:
         for path, module in self.robot.modules.items():
@@ -132,40 +148,55 @@ class WalkAway(composer.Task):
         return self._observables
 
     @property
+    def settle_steps(self) -> int:
+        """Physics steps for which the robot settles at the start."""
+        return round(self.settle_time / self.physics_timestep)
+
+    @property
     def needs_work(self) -> bool:
         """Whether a reward asks for the work of the hinges."""
         return any(reward.NEEDS_WORK for reward in self.rewards)
 
     def reward(self, before: RobotState, after: RobotState) -> torch.Tensor:
         """The rewards of a control step, added up, shape ``(robots,)``."""
-        total = 0.0
+        total = after.xy.new_zeros(len(after.xy))
         for reward in self.rewards:
             paid = reward(before, after)
             total = total + (paid if reward.weight == 1.0 else reward.weight * paid)
         return total
 
-    def touch_map(self, model: mujoco.MjModel) -> torch.Tensor:
+    def touch_map(self, model: mujoco.MjModel, like: torch.Tensor) -> torch.Tensor:
         """Which sensors of a compiled model belong to which module.
+
+        Args:
+            model: the model.
+            like: a tensor with the dtype and the device that are wanted.
 
         Returns:
             Ones and zeros of shape ``(nsensordata, modules)``, in the order of ``robot.modules``.
         """
-        if id(model) not in self._touch_maps:
-            paths = {path.replace("/", ":"): i for i, path in enumerate(self.robot.modules)}
-            table = torch.zeros(model.nsensordata, len(paths), dtype=torch.float64)
-            for sensor in range(model.nsensor):
-                name = model.sensor(sensor).name
-                if name.startswith(_CONTACT):
-                    module = name[len(_CONTACT) :].rsplit(":", 2)[0]
-                    table[model.sensor_adr[sensor], paths[module]] = 1.0
-            self._touch_maps[id(model)] = table
-        return self._touch_maps[id(model)]
+        known = self._touch_maps.get(model)
+        if known is None or (known.dtype, known.device) != (like.dtype, like.device):
+            known = self._touch_maps[model] = self._make_touch_map(model).to(like)
+        return known
+
+    def _make_touch_map(self, model: mujoco.MjModel) -> torch.Tensor:
+        paths = {path.replace("/", ":"): i for i, path in enumerate(self.robot.modules)}
+        table = torch.zeros(model.nsensordata, len(paths), dtype=torch.float64)
+        for sensor in range(model.nsensor):
+            name = model.sensor(sensor).name
+            if name.startswith(_CONTACT):
+                module = name[len(_CONTACT) :].rsplit(":", 2)[0]
+                table[model.sensor_adr[sensor], paths[module]] = 1.0
+        return table
 
     def state(self, physics: mjcf.Physics) -> RobotState:
         """The robot of a dm-control environment, as the only row."""
 
         def field(name: str) -> torch.Tensor:
-            return torch.tensor(np.asarray(getattr(physics.data, name)), dtype=torch.float64)[None]
+            felt = name == "sensordata" and self._felt is not None
+            value = self._felt if felt else getattr(physics.data, name)
+            return torch.tensor(np.asarray(value), dtype=torch.float64)[None]
 
         return RobotState(self, physics.model.ptr, field, self._start, self._work)
 
@@ -180,7 +211,9 @@ class WalkAway(composer.Task):
         limit = self.target_limit
         targets = random_state.uniform(-limit, limit, len(self.robot.hinges))
         physics.bind(self.robot.actuators).ctrl = targets
-        for _ in range(round(self.settle_time / self.physics_timestep)):
+        self._felt = None
+        for _ in range(self.settle_steps):
+            self._feel(physics)
             physics.step()
         self._start = torch.tensor(physics.data.qpos[None, :2].copy())
         self._reward = 0.0
@@ -191,10 +224,20 @@ class WalkAway(composer.Task):
         physics.bind(self.robot.actuators).ctrl = action
         # Nothing derived is left over from a reset, which dm-control ends with actuation disabled.
         mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
-        qpos = torch.tensor(physics.data.qpos[None].copy())
-        self._before = RobotState(self, physics.model.ptr, {"qpos": qpos}.__getitem__, self._start)
+        field = self.state(physics).field
+        parts = {name: field(name) for name in ("time", "qpos", "qvel")}
+        self._before = RobotState(self, physics.model.ptr, parts.__getitem__, self._start)
         self._work = torch.zeros(1, dtype=torch.float64) if self.needs_work else None
-        self._speeds = torch.tensor(physics.data.qvel[None].copy())
+        self._speeds = parts["qvel"]
+
+    def before_substep(
+        self, physics: mjcf.Physics, action: np.ndarray, random_state: np.random.RandomState
+    ) -> None:
+        self._feel(physics)
+
+    def _feel(self, physics: mjcf.Physics) -> None:
+        # After a step dm-control looks for the contacts of the next one, if it is not told otherwise.
+        self._felt = physics.data.sensordata.copy() if physics.legacy_step else None
 
     def after_substep(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         if self._work is not None:
@@ -209,3 +252,14 @@ class WalkAway(composer.Task):
     def get_reward(self, physics: mjcf.Physics) -> float:
         """The reward of the last control step."""
         return self._reward
+
+
+def _is_plain(arena: composer.Arena) -> bool:
+    """Whether an arena has nothing to touch but one geom, with MuJoCo's default contacts."""
+    geoms, default = arena.mjcf_model.find_all("geom"), arena.mjcf_model.default.geom
+    return (
+        geoms == list(arena.ground_geoms)
+        and len(geoms) == 1
+        and not (default and default.get_attributes())
+        and not geoms[0].get_attributes().keys() & _CONTACT_PROPERTIES
+    )

@@ -12,7 +12,8 @@ def hinge_work(
     """Work of all hinges of each robot in one physics step (J), without regard to sign.
 
     MuJoCo's ``implicitfast`` integrator takes a servo's damping from the speed at the end of the step,
-    unless its torque is at the limit. With the mean speed this gives the same work at any timestep.
+    unless its torque is at the limit. That torque times the mean speed is what goes into the body. Work
+    hardly depends on the timestep: at 0.01 s it is 5% less than at 0.0001 s, as movements differ.
 
     Args:
         model: the compiled model, whose first joint is a free one.
@@ -25,6 +26,7 @@ def hinge_work(
     """
     start, end = before[:, 6:], after[:, 6:]
     damping = torch.as_tensor(model.actuator_biasprm[:, 2]).to(force)
-    limit = torch.as_tensor(model.actuator_forcerange[:, 1]).to(force)
+    # A torque at the limit may be less by a rounding, as on physics that computes in float32.
+    limit = torch.as_tensor(model.actuator_forcerange[:, 1]).to(force) * (1 - 1e-6)
     torque = force + (force.abs() < limit) * damping * (end - start)
     return 0.5 * model.opt.timestep * (torque * (start + end)).abs().sum(-1)

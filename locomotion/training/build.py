@@ -1,10 +1,9 @@
-"""What a configuration describes: environment, learner and collector of a run."""
+"""Environment, learner and collector of a run, as its configuration describes them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-import torch
 from torchrl.collectors import Collector
 from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 
@@ -13,6 +12,7 @@ from locomotion.agents.learners import Learner
 from locomotion.config import Config
 from locomotion.envs import LocomotionEnv, ResumableEnv, make_task
 from locomotion.envs.observations import make_transforms
+from locomotion.envs.resumable import forked_generators
 from locomotion.options import ConfigError
 
 
@@ -26,11 +26,16 @@ def make_env(
 
     Args:
         config: the run.
-        base_env: an environment in place of the one that is described, with the same readings.
+        base_env: an environment in place of the one that is described. Terms of ``config.obs`` whose
+            readings it does not write are left out.
         transforms: more transforms, after those that write the observations.
         network: an architecture in place of the one that is described.
     """
-    observing, _ = make_transforms(config.obs)
+    terms = config.obs
+    if base_env is not None:
+        there = base_env.observation_spec.keys(True, True)
+        terms = {name: term for name, term in terms.items() if term.reading_of(name) in there}
+    observing, _ = make_transforms(terms)
     if base_env is None:
         task = make_task(config.robot, config.arena, config.task, config.env, config.physics)
         base_env = LocomotionEnv(
@@ -42,7 +47,7 @@ def make_env(
             seed=config.seed,
         )
     needed = (network or config.architecture).make_transforms()
-    return ResumableEnv(base_env, Compose(*observing, *needed, *transforms))
+    return ResumableEnv(base_env, Compose(*observing, *transforms, *needed))
 
 
 def policy_keys(config: Config) -> list[str]:
@@ -65,7 +70,8 @@ def make_learner(
         network: an architecture in place of the one that is described.
 
     Raises:
-        ConfigError: if the environment does not write an entry that the policy is to see.
+        ConfigError: if the environment does not write an entry that the policy is to see, or writes a
+            number there.
     """
     in_keys = list(policy_keys(config) if in_keys is None else in_keys)
     there = env.observation_spec.keys(True, True)
@@ -73,22 +79,26 @@ def make_learner(
         if key not in there:
             known = ", ".join(sorted(map(str, there)))
             raise ConfigError(f"the policy is to see {key!r}, but the environment writes {known}")
+        if env.observation_spec[key].ndim <= len(env.batch_size):
+            raise ConfigError(
+                f"the policy is to see {key!r}, which is a number, not a vector;"
+                " UnsqueezeTransform(-1) makes it one"
+            )
     return config.learner.make(env, network or config.architecture, in_keys)
 
 
-def make_collector(env: TransformedEnv, learner: Learner, steps: int, iterations: int) -> Collector:
-    """Collects ``steps`` control steps of all robots at a time, so often.
+def make_collector(env: TransformedEnv, learner: Learner, steps: int) -> Collector:
+    """Collects ``steps`` control steps of all robots at a time, without an end.
 
     Batches have shape ``(num_envs, steps)``; the next one begins where the last one ended. Making a
     collector draws no random numbers from torch.
     """
-    frames = env.batch_size.numel() * steps
-    with torch.random.fork_rng():
+    with forked_generators(env):
         return Collector(
             env,
             learner.policy,
-            frames_per_batch=frames,
-            total_frames=frames * iterations,
+            frames_per_batch=env.batch_size.numel() * steps,
+            total_frames=-1,  # at the end it would close the environment, which is still to be saved
             trust_policy=True,
             use_buffers=False,
             return_same_td=True,  # each batch has memory of its own; no copy is needed

@@ -21,7 +21,7 @@ _NO_MEMORY = "can't allocate memory|out of memory|Failed to allocate"
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """What came of a run.
+    """Outcome of a run.
 
     Attributes:
         folder: where it is.
@@ -68,13 +68,14 @@ def execute(
     folder = Path(folder)
     config.physics.require()
     folder.mkdir(parents=True, exist_ok=True)
-    recorded = {**(files or {}), "config": as_dict(config)}
+    described = _described(passed)
+    recorded = {**(files or {}), "config": as_dict(config), "passed": described}
     try:
         with FileLock(folder / ".lock", blocking=False):
             # A resumed run differs from the record, but only as it may.
             if resumed:
                 record(folder, **recorded)
-            skipped = is_finished(folder, config)
+            skipped = is_finished(folder, config, described)
             if not skipped:
                 record(folder, **recorded)
                 _train(config, folder, passed)
@@ -83,6 +84,23 @@ def execute(
     from locomotion.plots import read_run
 
     return Result(folder, float(read_run(folder).mean_reward[-10:].mean()), skipped)
+
+
+def _described(passed: Mapping[str, Any]) -> dict[str, Any]:
+    """Names of the objects that decide a run's numbers, for its record; they cannot be made from it."""
+
+    def name(value: Any) -> str:
+        kind = value if isinstance(value, type) or callable(value) else type(value)
+        kind = kind if hasattr(kind, "__qualname__") else type(kind)
+        return f"{kind.__module__}.{kind.__qualname__}"
+
+    return {
+        key: [str(part) if isinstance(part, (str, tuple)) else name(part) for part in value]
+        if isinstance(value, (list, tuple))
+        else name(value)
+        for key, value in passed.items()
+        if key != "callbacks" and value is not None
+    }
 
 
 def _train(config: Config, folder: Path, passed: Mapping[str, Any]) -> None:

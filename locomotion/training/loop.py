@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from itertools import islice
 from pathlib import Path
 
 import torch
@@ -38,7 +40,8 @@ def train(
     Args:
         config: the run.
         folder: where its output goes; it exists, and holds no run of another configuration.
-        env: an environment in place of the one that is described.
+        env: an environment in place of the one that is described; it is left open. A run with it resumes
+            bit for bit if its ``state_dict()`` holds all that its next step depends on.
         transforms: more transforms, after those that write the observations.
         in_keys: the entries that the policy sees, in place of those of ``config.obs``.
         network: an architecture in place of the one that is described.
@@ -57,10 +60,12 @@ def train(
     else:
         learned = learner(environment)
     run = Recorder(config, folder, environment, learned)
-    steps, remaining = config.learner.steps, config.learner.iterations - run.completed
-    collector = make_collector(environment, learned, steps, remaining)
-    with run, WishToStop() as wish:
-        for batch in collector:
+    collector = make_collector(environment, learned, config.learner.steps)
+    with run, WishToStop() as wish, ExitStack() as after:
+        if env is None:  # one that was passed is left open
+            after.callback(environment.close)
+        after.callback(collector.shutdown, close_env=False)
+        for batch in islice(collector, config.learner.iterations - run.completed):
             collected = time.perf_counter()
             try:
                 metrics = learned.update(batch)
@@ -74,4 +79,3 @@ def train(
             if wish.came and not run.finished:
                 done = f"stopped after {run.completed} iterations; resume={folder} continues"
                 raise KeyboardInterrupt(done)
-    collector.shutdown()

@@ -1,4 +1,4 @@
-"""What a policy may sense: TorchRL transforms that any environment can use.
+"""TorchRL transforms of what a policy may sense, which any environment can use.
 
 Nothing here imports the rest of this package.
 """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -11,7 +12,7 @@ from tensordict.utils import NestedKey, unravel_key
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import CatFrames, Transform
 
-from locomotion.transforms.keys import as_keys, entry
+from locomotion.transforms.keys import as_keys, entry, pairs_of_keys
 
 
 class HingeHistory(Transform):
@@ -40,7 +41,8 @@ class HingeHistory(Transform):
 
     Examples:
         >>> from torchrl.envs import PendulumEnv, TransformedEnv, UnsqueezeTransform
-        >>> env = TransformedEnv(PendulumEnv(), UnsqueezeTransform(-1, ["th"], ["angle"]))
+        >>> as_vector = UnsqueezeTransform(-1, in_keys=["th"], out_keys=["angle"])
+        >>> env = TransformedEnv(PendulumEnv(), as_vector)
         >>> env = env.append_transform(HingeHistory(3, in_keys=["angle"]))
         >>> env.reset()["angle_history"].shape
         torch.Size([3])
@@ -58,10 +60,9 @@ class HingeHistory(Transform):
             whole = 0
         if whole < 1 or isinstance(steps, bool):
             raise ValueError(f"steps must be a whole number of at least 1, got {steps!r}")
-        in_keys = as_keys(in_keys)
-        out_keys = [_renamed(key) for key in in_keys] if out_keys is None else as_keys(out_keys)
-        if len(out_keys) != len(in_keys):
-            raise ValueError(f"got {len(in_keys)} in_keys but {len(out_keys)} out_keys")
+        if out_keys is None:
+            out_keys = [_renamed(key) for key in as_keys(in_keys)]
+        in_keys, out_keys = pairs_of_keys(in_keys, out_keys)
         super().__init__(in_keys=in_keys, out_keys=out_keys)
         self.steps = whole
         self._memory: list[torch.Tensor | None] = [None] * len(in_keys)
@@ -70,12 +71,12 @@ class HingeHistory(Transform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         for index, (in_key, out_key) in enumerate(zip(self.in_keys, self.out_keys)):
-            value = entry(tensordict_reset, in_key, self)
+            value = self._vector(tensordict_reset, in_key)
             fresh = torch.cat([value, self._zeros(value)], -1)
             where = self._where(tensordict, in_key, value)
             memory = self._memory[index]
             if where is not None and memory is not None and memory.shape == fresh.shape:
-                fresh = torch.where(where, fresh, memory)
+                fresh = torch.where(where, fresh, memory.to(fresh.device))
             self._memory[index] = fresh
             tensordict_reset.set(out_key, fresh.clone())
         return tensordict_reset
@@ -87,7 +88,7 @@ class HingeHistory(Transform):
             if memory is None or memory.shape[:-1] != value.shape[:-1]:
                 older = self._zeros(value)
             else:
-                older = memory[..., : (self.steps - 1) * n]
+                older = memory[..., : (self.steps - 1) * n].to(value.device)
             self._memory[index] = following = torch.cat([value, older], -1)
             next_tensordict.set(out_key, following.clone())
         return next_tensordict
@@ -95,14 +96,27 @@ class HingeHistory(Transform):
     def _zeros(self, value: torch.Tensor) -> torch.Tensor:
         return value.new_zeros(*value.shape[:-1], (self.steps - 1) * value.shape[-1])
 
+    def _vector(self, container: Any, key: NestedKey) -> Any:
+        """An entry of a tensordict or of a spec; a number is refused."""
+        found = entry(container, key, self)
+        around = container if isinstance(key, str) else container.get(key[:-1])
+        if found.ndim <= around.ndim:
+            raise ValueError(
+                f"HingeHistory: {key!r} is a number, not a vector; UnsqueezeTransform(-1) makes it one"
+            )
+        return found
+
     def _where(
         self, tensordict: TensorDictBase | None, in_key: NestedKey, value: torch.Tensor
     ) -> torch.Tensor | None:
-        """The environments that are reset, by the flag that is nearest to an entry; ``None`` for all."""
-        if tensordict is None or self.parent is None:
+        """The environments that are reset; ``None`` for all.
+
+        Of the flags on the way to an entry the first one counts, as in TorchRL.
+        """
+        if tensordict is None:
             return None
         path = in_key[:-1] if isinstance(in_key, tuple) else ()
-        for depth in range(len(path), -1, -1):
+        for depth in range(len(path) + 1):
             key = unravel_key((*path[:depth], "_reset"))
             where = tensordict.get(key, None)
             if where is not None:
@@ -117,8 +131,9 @@ class HingeHistory(Transform):
         return {str(index): value.clone() for index, value in memory if value is not None}
 
     def set_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        self._memory = [state.get(str(index)) for index in range(len(self.in_keys))]
-        self._memory = [value if value is None else value.clone() for value in self._memory]
+        for index in range(len(self.in_keys)):
+            value = state.get(str(index))
+            self._memory[index] = None if value is None else value.clone()
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Builds the histories of stored trajectories, batch shape ``(*batch, time)``."""
@@ -141,12 +156,7 @@ class HingeHistory(Transform):
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         for in_key, out_key in zip(self.in_keys, self.out_keys):
-            spec = entry(observation_spec, in_key, self)
-            if spec.ndim <= observation_spec.ndim:
-                raise ValueError(
-                    f"HingeHistory: {in_key!r} is a number, not a vector; UnsqueezeTransform(-1) makes"
-                    " it one"
-                )
+            spec = self._vector(observation_spec, in_key)
             observation_spec[out_key] = Unbounded(
                 (*spec.shape[:-1], self.steps * spec.shape[-1]),
                 dtype=spec.dtype,

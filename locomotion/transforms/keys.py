@@ -13,6 +13,20 @@ def as_keys(keys: Sequence[NestedKey] | NestedKey) -> list[NestedKey]:
     return [unravel_key(key) for key in ([keys] if isinstance(keys, (str, tuple)) else keys)]
 
 
+def pairs_of_keys(
+    in_keys: Sequence[NestedKey] | NestedKey, out_keys: Sequence[NestedKey] | NestedKey
+) -> tuple[list[NestedKey], list[NestedKey]]:
+    """Two lists of keys, as long as one another.
+
+    Raises:
+        ValueError: if they are not.
+    """
+    in_keys, out_keys = as_keys(in_keys), as_keys(out_keys)
+    if len(out_keys) != len(in_keys):
+        raise ValueError(f"got {len(in_keys)} in_keys but {len(out_keys)} out_keys")
+    return in_keys, out_keys
+
+
 def entry(container: Any, key: NestedKey, transform: object) -> Any:
     """An entry of a tensordict or of a spec.
 

@@ -9,7 +9,7 @@ from tensordict.utils import NestedKey
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import ObservationTransform
 
-from locomotion.transforms.keys import as_keys, entry
+from locomotion.transforms.keys import entry, pairs_of_keys
 
 
 class IncludeOrientation(ObservationTransform):
@@ -35,7 +35,8 @@ class IncludeOrientation(ObservationTransform):
             Gymnasium's ``Ant``; ``None`` if the entry is the quaternion.
 
     Raises:
-        ValueError: for an unknown representation, or a slice that does not hold four numbers.
+        ValueError: for an unknown representation, numbers of keys that differ, or a slice that does not
+            hold four numbers.
 
     Examples:
         >>> from torchrl.envs import GymEnv, TransformedEnv
@@ -56,7 +57,8 @@ class IncludeOrientation(ObservationTransform):
             raise ValueError(
                 f"representation {representation!r} must be one of {', '.join(_REPRESENTATIONS)}"
             )
-        super().__init__(in_keys=as_keys(in_keys), out_keys=as_keys(out_keys))
+        in_keys, out_keys = pairs_of_keys(in_keys, out_keys)
+        super().__init__(in_keys=in_keys, out_keys=out_keys)
         self.representation = representation
         self.part = part
         self._convert, self._size = _REPRESENTATIONS[representation]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import torch
 from tensordict import TensorDictBase
 from tensordict.utils import NestedKey
+from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import ObservationTransform
 
-from locomotion.transforms.keys import as_keys
+from locomotion.transforms.keys import as_keys, entry
 
 
 class SensorNoise(ObservationTransform):
@@ -18,11 +20,17 @@ class SensorNoise(ObservationTransform):
     Args:
         deviation: its standard deviation, in the unit of the entries.
         in_keys: the entries: a list of keys, or one, which may be nested.
+
+    Raises:
+        ValueError: if the deviation is negative or not a number.
+        KeyError: when used where an entry of ``in_keys`` is not there.
     """
 
     def __init__(
         self, deviation: float, in_keys: Sequence[NestedKey] | NestedKey = "hinge_position"
     ) -> None:
+        if not 0 <= deviation < math.inf:
+            raise ValueError(f"deviation must be at least 0, got {deviation}")
         keys = as_keys(in_keys)
         super().__init__(in_keys=keys, out_keys=keys)
         self.deviation = deviation
@@ -34,3 +42,9 @@ class SensorNoise(ObservationTransform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         return self._call(tensordict_reset)
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        for key in self.in_keys:  # noise leaves any bounds
+            spec = entry(observation_spec, key, self)
+            observation_spec[key] = Unbounded(spec.shape, dtype=spec.dtype, device=spec.device)
+        return observation_spec

@@ -44,7 +44,9 @@ def test_all_of_its_parts_train_resume_and_walk(tmp_path):
     assert exported.returncode == 0, exported.stderr
 
 
-@pytest.mark.parametrize("snippet", re.findall(r"```python\n(.*?)```", CONTRIBUTING.read_text(), re.S))
+@pytest.mark.parametrize(
+    "snippet", re.findall(r"```python\n(.*?)```", CONTRIBUTING.read_text(), re.DOTALL)
+)
 def test_what_contributing_shows_is_what_runs(snippet):
     if "from locomotion import" in snippet:
         compile(snippet, "CONTRIBUTING.md", "exec")

@@ -1,0 +1,217 @@
+"""A history is what its definition says, wherever it is used."""
+
+import doctest
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.data import LazyTensorStorage, ReplayBuffer, SliceSampler
+from torchrl.envs import (
+    Compose,
+    ParallelEnv,
+    PendulumEnv,
+    SerialEnv,
+    StepCounter,
+    TransformedEnv,
+    UnsqueezeTransform,
+    check_env_specs,
+)
+
+from locomotion.transforms import HingeHistory, hinge_history
+
+
+def pendulum(max_steps=None):
+    env = TransformedEnv(PendulumEnv(), UnsqueezeTransform(-1, in_keys=["th"], out_keys=["angle"]))
+    return env if max_steps is None else env.append_transform(StepCounter(max_steps))
+
+
+def remembering_pendulum(max_steps=None):
+    return pendulum(max_steps).append_transform(HingeHistory(3, in_keys=["angle"]))
+
+
+@pytest.mark.parametrize("steps", [1, 2, 5])
+def test_newest_first_with_zeros_before_the_start(counting_env, histories, steps):
+    env = TransformedEnv(counting_env([9, 9]), HingeHistory(steps, "angle"))
+    rollout = env.rollout(8)
+    starts = torch.arange(8).eq(0).expand(2, 8)
+    expected = histories(rollout["angle"], starts, steps)
+    assert torch.equal(rollout["angle_history"], expected)
+    assert torch.equal(rollout["next", "angle_history"][:, :-1], expected[:, 1:])
+
+
+@pytest.mark.parametrize("others", [None, float("nan")])
+def test_it_begins_anew_for_robots_that_are_reset_alone(counting_env, histories, others):
+    env = TransformedEnv(counting_env([3, 4, 7, 1], others), HingeHistory(3, "angle"))
+    rollout = env.rollout(20, break_when_any_done=False)
+    done = rollout["next", "done"][..., 0]
+    starts = torch.cat([torch.ones(4, 1, dtype=torch.bool), done[:, :-1]], -1)
+    assert starts.sum() > 20 and not starts.all(0)[1:].any()
+    assert torch.equal(rollout["angle_history"], histories(rollout["angle"], starts, 3))
+    # What ends an episode is seen with what came before, not with what follows.
+    following = torch.cat([rollout["next", "angle"], rollout["angle_history"][..., :4]], -1)
+    assert torch.equal(rollout["next", "angle_history"], following)
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_inside_and_outside_a_batched_environment(histories, inside):
+    if inside:
+        env = SerialEnv(3, [lambda n=n: remembering_pendulum(n) for n in (3, 4, 7)])
+    else:
+        env = SerialEnv(3, [lambda n=n: pendulum(n) for n in (3, 4, 7)])
+        env = TransformedEnv(env, HingeHistory(3, "angle"))
+    rollout = env.rollout(20, break_when_any_done=False)
+    starts = rollout["step_count"].squeeze(-1) == 0
+    assert starts.sum() > 8
+    assert torch.equal(rollout["angle_history"], histories(rollout["angle"], starts, 3))
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_agents_with_flags_of_their_own(agents_env, histories, together):
+    lengths = [[2, 3, 9], [4, 1, 3]]
+    keys = {"in_keys": [("agents", "angle")], "out_keys": [("agents", "past")]}
+    env = TransformedEnv(agents_env(lengths, together), HingeHistory(3, **keys))
+    assert env.observation_spec["agents", "past"].shape == (2, 3, 6)
+    rollout = env.rollout(15, break_when_any_done=False)
+    # Where a group has a flag of its own, that is the one which counts.
+    done = rollout["next", "done"] if together else rollout["next", "agents", "done"][..., 0]
+    done = done.expand(2, 15, 3)
+    assert rollout["next", "agents", "done"].sum() > done.sum() / 2 > 4
+    starts = torch.cat([torch.ones(2, 1, 3, dtype=torch.bool), done[:, :-1]], 1)
+
+    def rows(entry):
+        return entry.transpose(1, 2).flatten(0, 1)
+
+    expected = histories(rows(rollout["agents", "angle"]), rows(starts), 3)
+    assert torch.equal(rows(rollout["agents", "past"]), expected)
+
+
+def test_several_entries_each_have_a_memory(counting_env, histories):
+    env = TransformedEnv(counting_env([3, 5]), HingeHistory(2, ["speed", "angle"], ["v", "a"]))
+    rollout = env.rollout(9, break_when_any_done=False)
+    done = rollout["next", "done"][..., 0]
+    starts = torch.cat([torch.ones(2, 1, dtype=torch.bool), done[:, :-1]], -1)
+    assert torch.equal(rollout["v"], histories(rollout["speed"], starts, 2))
+    assert torch.equal(rollout["a"], histories(rollout["angle"], starts, 2))
+
+
+def test_an_environment_that_is_given_nothing_but_actions(counting_env):
+    expected = TransformedEnv(counting_env([99, 99]), HingeHistory(3, "angle")).rollout(6)
+    env = TransformedEnv(counting_env([99, 99]), HingeHistory(3, "angle"))
+    env.reset()
+    for t in range(6):
+        following = env.step(TensorDict({"action": torch.zeros(2, 1)}, [2]))["next"]
+        assert torch.equal(following["angle_history"], expected["next", "angle_history"][:, t])
+
+
+def test_its_memory_is_not_what_it_wrote(counting_env):
+    expected = TransformedEnv(counting_env([9]), HingeHistory(3, "angle")).rollout(3)
+    env = TransformedEnv(counting_env([9]), HingeHistory(3, "angle"))
+    td = env.reset()
+    for t in range(3):
+        td["angle_history"].fill_(7)
+        td = env.step(env.rand_action(td))["next"].exclude("reward")
+        assert torch.equal(td["angle_history"], expected["next", "angle_history"][:, t])
+
+
+def test_the_flag_of_a_group_counts_more_than_those_of_its_agents(agents_env):
+    keys = {"in_keys": [("agents", "angle")], "out_keys": [("agents", "past")]}
+    env = TransformedEnv(agents_env([[9, 9], [9, 9]], together=True), HingeHistory(2, **keys))
+    td = env.rollout(4)[:, -1]["next"]
+    td["_reset"] = torch.tensor([[True], [False]])
+    td["agents", "_reset"] = torch.tensor([[True, False], [True, False]])[..., None]
+    before, now = td.clone(), env.reset(td)
+    assert (now["agents", "past"][0, :, 2:] == 0).all()
+    assert torch.equal(now["agents", "past"][0, :, :2], now["agents", "angle"][0])
+    assert torch.equal(now["agents", "past"][1], before["agents", "past"][1])
+    following = env.step(env.rand_action(now))["next", "agents", "past"]
+    assert torch.equal(following[..., 2:], now["agents", "angle"])
+
+
+def test_its_state_is_its_memory(counting_env):
+    env = TransformedEnv(counting_env([99, 99]), HingeHistory(3, ["angle", "speed"]))
+    env.rollout(5)
+    state = {name: value for name, value in env.transform.state_dict().items()}
+    action = TensorDict({"action": torch.zeros(2, 1)}, [2])
+    expected = env.step(action.clone())["next"]
+    again = TransformedEnv(counting_env([99, 99]), HingeHistory(3, ["angle", "speed"]))
+    again.transform.load_state_dict(state)
+    again.base_env.seen.copy_(env.base_env.seen - 1)
+    found = again.step(action)["next"]
+    for key in ("angle_history", "speed_history"):
+        assert torch.equal(found[key], expected[key])
+
+
+@pytest.mark.parametrize("batched", [SerialEnv, ParallelEnv])
+def test_specs_hold_inside_and_outside_batched_environments(batched):
+    check_env_specs(remembering_pendulum())
+    for env in (
+        batched(2, remembering_pendulum),
+        TransformedEnv(batched(2, pendulum), HingeHistory(2, in_keys=["angle"])),
+    ):
+        check_env_specs(env)
+        env.close()
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_specs_hold_for_agents(agents_env, together):
+    env = agents_env([[2, 3], [4, 1]], together)
+    check_env_specs(TransformedEnv(env, HingeHistory(2, [("agents", "angle")])))
+
+
+def test_a_replay_buffer_rebuilds_the_history_of_whole_episodes():
+    rollout = remembering_pendulum(max_steps=5).rollout(20, break_when_any_done=False)
+    buffer = ReplayBuffer(
+        storage=LazyTensorStorage(20),
+        sampler=SliceSampler(slice_len=5, end_key=("next", "done"), strict_length=True),
+        batch_size=20,
+        transform=Compose(
+            lambda td: td.reshape(-1, 5).refine_names(None, "time"),
+            HingeHistory(3, in_keys=["angle"], out_keys=["rebuilt"]),
+        ),
+    )
+    buffer.extend(rollout)
+    sample = buffer.sample()
+    assert torch.equal(sample["rebuilt"], sample["angle_history"])
+    assert torch.equal(sample["next", "rebuilt"], sample["next", "angle_history"])
+
+
+def test_stored_trajectories_may_hold_several_episodes_and_lack_what_follows(counting_env):
+    env = TransformedEnv(counting_env([3, 4, 7]), HingeHistory(3, "angle"))
+    rollout = env.rollout(20, break_when_any_done=False).refine_names(..., "time")
+    rebuild = HingeHistory(3, "angle", "rebuilt")
+    assert torch.equal(rebuild(rollout.clone())["rebuilt"], rollout["angle_history"])
+    alone = rebuild(rollout.select("angle", ("next", "done")))
+    assert torch.equal(alone["rebuilt"], rollout["angle_history"])
+    assert ("next", "rebuilt") not in alone.keys(True)
+
+
+@pytest.mark.parametrize("steps", [0, -2, 2.5, "3", None, True])
+def test_a_wrong_number_of_steps_is_named(steps):
+    with pytest.raises(ValueError, match="steps must be a whole number of at least 1"):
+        HingeHistory(steps)
+
+
+def test_wrong_numbers_of_keys_are_named():
+    with pytest.raises(ValueError, match="got 2 in_keys but 1 out_keys"):
+        HingeHistory(2, in_keys=["a", "b"], out_keys=["c"])
+
+
+@pytest.mark.parametrize("use", [lambda env: env.reset(), lambda env: env.observation_spec])
+def test_a_missing_entry_is_named_with_those_that_are_there(counting_env, use):
+    with pytest.raises(KeyError, match="no entry 'angel'; in_keys must be among 'angle'"):
+        use(TransformedEnv(counting_env([3]), HingeHistory(2, "angel")))
+
+
+@pytest.mark.parametrize("use", [lambda env: env.reset(), lambda env: env.observation_spec])
+def test_a_number_that_is_no_vector_is_named(agents_env, use):
+    with pytest.raises(ValueError, match="'th' is a number, not a vector; UnsqueezeTransform"):
+        use(TransformedEnv(PendulumEnv(), HingeHistory(2, "th")))
+    with pytest.raises(ValueError, match="'th' is a number, not a vector; UnsqueezeTransform"):
+        use(TransformedEnv(SerialEnv(2, PendulumEnv), HingeHistory(2, "th")))
+    with pytest.raises(ValueError, match=r"\('agents', 'size'\) is a number, not a vector"):
+        use(TransformedEnv(agents_env([[2, 3]]), HingeHistory(2, ("agents", "size"))))
+
+
+def test_the_example_runs():
+    result = doctest.testmod(hinge_history)
+    assert result.attempted and not result.failed

@@ -8,14 +8,13 @@ robots, and ``+experiment=gpu`` with and without captured steps. Without a GPU i
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
 import time
-from pathlib import Path
 
 from tqdm import tqdm
 
+from benchmarks.arguments import Parser
 from benchmarks.gpu_measures import FULL, QUICK, Effort, apart, measure_run, measure_training
 from benchmarks.rows import Row, load, machine, table
 
@@ -30,18 +29,9 @@ the last file; kernels were compiled by a run before. For good: the mean reward 
 
 def main() -> None:
     """Measures, and prints the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.gpu", description=DESCRIPTION)
+    parser = Parser("benchmarks.gpu", DESCRIPTION, "few turns and robots")
     parser.add_argument("--device", default="cuda:0", help="cuda:0 and so on; cpu only to try it")
-    parser.add_argument(
-        "--quick", action="store_true", help="few turns and robots, only to see that it runs"
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results there too")
     arguments = parser.parse_args()
-    if arguments.json is not None:
-        try:
-            arguments.json.touch()
-        except OSError as error:
-            parser.exit(2, f"error: --json {arguments.json}: {error.strerror}\n")
 
     from locomotion import compose
     from locomotion.options import ConfigError

@@ -8,6 +8,7 @@ import os
 import platform
 import statistics
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ PACKAGES = (
     "dm-control",
     "gymnasium",
     "stable-baselines3",
+    "rsl-rl-lib",
 )
 
 
@@ -68,8 +70,10 @@ class Row:
         )
 
     def record(self) -> dict[str, Any]:
-        """The row as JSON has it."""
-        return {**dataclasses.asdict(self), "median": self.median, "met": self.met}
+        """The row as JSON has it, which knows no infinity: ``None`` stands for it."""
+        values = [*self.values, self.median]
+        *values, median = (value if value is None or isfinite(value) else None for value in values)
+        return {**dataclasses.asdict(self), "values": values, "median": median, "met": self.met}
 
 
 def table(rows: Sequence[Row]) -> str:

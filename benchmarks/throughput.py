@@ -10,11 +10,9 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 import time
-from pathlib import Path
-from typing import NoReturn
 
+from benchmarks.arguments import Parser
 from benchmarks.rows import load, machine, table
 
 # Processes that are started import this module again, so what is heavy is imported where it is used:
@@ -35,20 +33,11 @@ set size, summed over all processes; training collects and learns, rivals only s
 
 def main() -> None:
     """Measures what the command line asks for, and prints the table."""
-    parser = _Parser(prog="python -m benchmarks.throughput", description=DESCRIPTION)
-    parser.add_argument(
-        "--quick", action="store_true", help="few turns and robots, only to see that it runs"
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results there too")
+    parser = Parser("benchmarks.throughput", DESCRIPTION, "few turns and robots")
     parser.add_argument(
         "--only", nargs="+", choices=SECTIONS, default=SECTIONS, help="what to measure"
     )
     arguments = parser.parse_args()
-    if arguments.json is not None:
-        try:
-            arguments.json.touch()
-        except OSError as error:
-            parser.error(f"--json {arguments.json}: {error.strerror}")
     # Without a screen, dm-control warns in every process that imports it.
     os.environ.setdefault("MUJOCO_GL", "disabled")
     from locomotion.quiet import quiet
@@ -77,14 +66,6 @@ def measure(arguments: argparse.Namespace) -> None:
             "rows": [row.record() for row in rows],
         }
         arguments.json.write_text(json.dumps(results, indent=2) + "\n")
-
-
-class _Parser(argparse.ArgumentParser):
-    """Answers mistakes in one line, as the package's other commands do."""
-
-    def error(self, message: str) -> NoReturn:
-        print(f"error: {message}", file=sys.stderr)
-        sys.exit(2)
 
 
 if __name__ == "__main__":

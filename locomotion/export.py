@@ -52,13 +52,15 @@ def export(run: Path, config: Config, options: ExportConfig) -> None:
         options: where to.
 
     Raises:
-        RunError: if the run holds no checkpoint that can be read.
+        RunError: if the run holds no checkpoint that can be read, or was trained with parts of
+            somebody's own, which are not exported.
     """
     import torch
 
-    from locomotion.evaluation import Controller, load_policy
+    from locomotion.evaluation import Controller, load_policy, require_parts
     from locomotion.training.build import make_env
 
+    require_parts(run, ("env", "transforms"))
     env = make_env(config)
     controller = Controller(config, env, load_policy(run, config, env)).cpu().eval()
     metadata = {
@@ -84,7 +86,8 @@ def export(run: Path, config: Config, options: ExportConfig) -> None:
             if file.suffix == ".onnx":
                 _write_onnx(program, example, metadata, partial)
             elif file.suffix == ".xml":
-                partial.write_text(env.base_env.task.root_entity.mjcf_model.to_xml_string())
+                model = env.base_env.task.root_entity.mjcf_model
+                partial.write_text(model.to_xml_string(), encoding="utf-8")
             else:
                 torch.export.save(program, str(partial), extra_files=metadata)
     env.close()

@@ -7,13 +7,13 @@ configuration, so folders can have any names.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from locomotion.cli.refusal import refusing
 from locomotion.config import free_keys
 from locomotion.plots.curves import (
     REPORT,
@@ -35,9 +35,9 @@ def compare(places: Sequence[Path], reference: Sequence[Curve]) -> Figure:
     """The curves of any runs, with the reference's for the same robots and observations.
 
     Raises:
-        RunError: if a folder holds no run, or none has a row yet.
+        RunError: if there is none, or none has a row yet.
     """
-    found = list(dict.fromkeys(run for place in places for run in find_runs(place)))
+    found = find_runs(places)
     runs = [run for run in found if has_rows(run)] or found
     metrics = {label: read_metrics(run) for label, run in zip(labels(runs), runs, strict=True)}
     settings = set()
@@ -102,10 +102,10 @@ def main() -> None:
         "--no-reference", action="store_true", help="leaves the report's curves out of its figures"
     )
     parser.add_argument("--output", type=Path, metavar="PICTURE")
-    arguments = parser.parse_args()
-    name, *folders = arguments.what
-    draw = FIGURES.get(name)
-    try:
+    with refusing():
+        arguments = parser.parse_args()
+        name, *folders = arguments.what
+        draw = FIGURES.get(name)
         if draw is None:
             folders, name = arguments.what, "learning_curves"
         elif not folders:
@@ -119,10 +119,7 @@ def main() -> None:
             figure = draw(read_sweep(places), reference)
         target = arguments.output or Path(f"{name}.png")
         save(figure, target)
-    except RunError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
-    print(target)
+        print(target)
 
 
 if __name__ == "__main__":

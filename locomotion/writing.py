@@ -2,32 +2,42 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
+import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 #: Errors of a file system that cannot sync.
 _NO_SYNC = {errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EBADF}
 
 
-@contextmanager
+@contextlib.contextmanager
 def replacing(target: Path) -> Iterator[Path]:
     """A name to write to in place of ``target``, which it becomes when the block ends.
 
-    The name has the ending of ``target``. A block that raises leaves ``target`` as it was. What was
-    written is on the disk before it takes its place, so that it survives a power failure too, where
-    the file system can promise that.
+    The name is nobody else's, and has the ending of ``target``. A block that raises leaves ``target`` as
+    it was; a target that is a link stays one. What was written is on the disk before it takes its place,
+    so that it survives a power failure too, where the file system can promise that.
+
+    Raises:
+        OSError: if ``target`` cannot be written, which it names.
     """
-    partial = target.with_name(f".partial-{target.name}")
+    place = Path(os.path.realpath(target))
+    partial = place.with_name(f".partial-{secrets.token_hex(4)}{target.suffix}")
     try:
         yield partial
-        _sync(partial)
-        partial.replace(target)
-        _sync(target.parent)
+        # Windows syncs files that are open for writing alone.
+        with partial.open("rb+") as file:
+            sync(file.fileno())
+        partial.replace(place)
+        _sync_folder(place.parent)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(target)) from error
     finally:
-        partial.unlink(missing_ok=True)
+        with contextlib.suppress(NotADirectoryError):  # as its folder may be none
+            partial.unlink(missing_ok=True)
 
 
 def sync(descriptor: int) -> None:
@@ -43,12 +53,18 @@ def sync(descriptor: int) -> None:
             raise
 
 
-def _sync(path: Path) -> None:
-    # Windows syncs files that are open for writing alone, and no folders.
-    if path.is_dir() and os.name != "posix":
-        return
-    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
-    try:
-        sync(descriptor)
-    finally:
-        os.close(descriptor)
+def remove_partial(folder: Path) -> None:
+    """Removes what a process that was killed has left half written in a folder."""
+    for path in folder.glob(".partial-*"):
+        path.unlink(missing_ok=True)
+
+
+def _sync_folder(folder: Path) -> None:
+    # Windows opens no folders, and some file systems sync none or let only their owner open them. The
+    # file is there in any case: at worst a power failure brings back the one before.
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

@@ -81,7 +81,7 @@ def write(curves: Sequence[Curve], folder: Path) -> str:
         f"{len(curves)} runs of {iterations} iterations.\n\n{summary(curves, report)}\n"
     )
     with replacing(folder / "summary.md") as partial:
-        partial.write_text(text)
+        partial.write_text(text, encoding="utf-8")
     return text
 
 

@@ -115,7 +115,7 @@ def main() -> None:
         settings = {file.stem: read_csv(file) for file in sorted(folder.glob("*.csv"))}
         text = compare(settings, read_csv(RESULTS / "curves.csv"))
         with replacing(arguments.output / "history.md") as partial:
-            partial.write_text(text)
+            partial.write_text(text, encoding="utf-8")
     print(text, end="")
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-from locomotion.config import Config, typed_config
-from locomotion.runs import read_config
+from locomotion.config import Config
+from locomotion.runs import read_config, typed_record
 
 
 def load_config(run: Path, num_envs: int | None = None) -> Config:
@@ -20,8 +20,7 @@ def load_config(run: Path, num_envs: int | None = None) -> Config:
         RunError: if it is no run's folder.
         ConfigError: if it is one of another version.
     """
-    content = {**read_config(run), "plugins": [], "logger": {}}
-    config = typed_config(content, learning=False)
+    config = typed_record(read_config(run))
     if num_envs is not None:
         config.env = dataclasses.replace(config.env, num_envs=num_envs)
     return config

@@ -61,7 +61,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=SECONDS, help="how long they walk")
     arguments = parser.parse_args()
     with refusing(), quiet():
-        runs = [run for folder in arguments.folders for run in find_runs(folder)]
+        runs = find_runs(arguments.folders)
         found = [
             row
             for run in tqdm(runs, unit="run", disable=None)

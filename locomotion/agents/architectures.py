@@ -121,10 +121,10 @@ class GRU(Network):
         return RecurrentStateValue(sizes, memory_size, width=self.width, hidden=[self.hidden_size])
 
     def make_transforms(self) -> list[Transform]:
+        import torch
         from torchrl.data import Unbounded
-        from torchrl.envs import InitTracker, TensorDictPrimer
 
-        from locomotion.agents.networks import RECURRENT_STATE
+        from locomotion.agents.networks import RECURRENT_STATE, EpisodeStart, Memory
 
-        memory = Unbounded((self.layers, self.hidden_size))
-        return [InitTracker(), TensorDictPrimer({RECURRENT_STATE: memory}, expand_specs=True)]
+        memory = Unbounded((self.layers, self.hidden_size), dtype=torch.float32, device="cpu")
+        return [EpisodeStart(), Memory({RECURRENT_STATE: memory}, expand_specs=True)]

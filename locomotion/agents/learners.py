@@ -73,6 +73,13 @@ class LearnerConfig(Checked):
                 f" {MOST_FRAMES} frames in an iteration"
             )
 
+    def check_network(self, network: Network) -> None:
+        """Looks whether the options fit an architecture.
+
+        Raises:
+            ConfigError: if they do not.
+        """
+
     def make(self, env: EnvBase, network: Network, in_keys: list[str]) -> Learner:
         """Makes the learner.
 
@@ -159,8 +166,17 @@ class PPOConfig(LearnerConfig):
                 f" iteration (env.num_envs={num_envs} x ppo.steps={self.steps})"
             )
 
+    def check_network(self, network: Network) -> None:
+        if self.cudagraphs and network.RECURRENT:
+            raise ConfigError(
+                "ppo.cudagraphs=True needs a network without a memory, such as network=mlp: where"
+                " episodes begin decides how a recurrent one computes, which a graph cannot follow"
+            )
+
     def make(self, env: EnvBase, network: Network, in_keys: list[str]) -> Learner:
         from locomotion.agents.ppo import PPO
+
+        self.check_network(network)
 
         sizes = {name: env.observation_spec[name].shape[-1] for name in in_keys}
         actor = network.make_actor(sizes, env.action_spec)

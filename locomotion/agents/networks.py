@@ -23,10 +23,13 @@ from tensordict.nn.probabilistic import interaction_type
 from tensordict.utils import NestedKey
 from torch import nn
 from torchrl.data import TensorSpec
+from torchrl.envs import InitTracker, TensorDictPrimer, Transform
 from torchrl.modules import GRUModule, IndependentNormal, ProbabilisticActor
 
 #: The memory of a recurrent policy.
 RECURRENT_STATE = "recurrent_state"
+#: Networks begin so whatever torch's defaults are, and so with the same weights.
+_FACTORY = {"dtype": torch.float32, "device": torch.device("cpu")}
 
 
 class ObservationNet(nn.Module):
@@ -50,14 +53,19 @@ class ObservationNet(nn.Module):
         hidden: Sequence[int] = (32,),
     ) -> None:
         super().__init__()
-        self.encoders = nn.ModuleList(nn.Linear(size, width) for size in sizes)
+        self.encoders = nn.ModuleList(nn.Linear(size, width, **_FACTORY) for size in sizes)
         widths = [width * len(sizes), *hidden]
-        self.joint = nn.ModuleList(nn.Linear(*pair) for pair in itertools.pairwise(widths))
-        self.head = nn.Linear(widths[-1], out_features)
+        self.joint = nn.ModuleList(
+            nn.Linear(*pair, **_FACTORY) for pair in itertools.pairwise(widths)
+        )
+        self.head = nn.Linear(widths[-1], out_features, **_FACTORY)
 
     def forward(self, observations: Sequence[torch.Tensor]) -> torch.Tensor:
         """Maps observations of shape ``(*batch, size)`` to ``(*batch, out_features)``."""
-        encoded = [encode(x) for encode, x in zip(self.encoders, observations)]
+        # Environments may give out places, or all they write, in float64.
+        encoded = [
+            encode(x.to(encode.weight.dtype)) for encode, x in zip(self.encoders, observations)
+        ]
         x = torch.cat(encoded, -1).tanh()
         for layer in self.joint:
             x = layer(x).tanh()
@@ -106,7 +114,8 @@ class GaussianParameters(TensorDictModuleBase):
         self.in_keys = network.in_keys
         self.out_keys = [*network.out_keys, "scale"]
         self.network = network
-        self.log_scale = nn.Parameter(torch.full((num_actions,), math.log(initial_deviation)))
+        start = torch.full((num_actions,), math.log(initial_deviation), **_FACTORY)
+        self.log_scale = nn.Parameter(start)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         tensordict = self.network(tensordict)
@@ -175,6 +184,31 @@ class RecurrentStateValue(StateValue):
         return tensordict.set("state_value", self.net([*seen, memory.flatten(-2)]))
 
 
+class _OnOneDevice(Transform):
+    """A transform of TorchRL's that makes tensors on the CPU where an environment names no device.
+
+    By itself it would make them on torch's default device.
+    """
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        with self.parent.device or torch.device("cpu"):
+            return super().transform_observation_spec(observation_spec)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        with self.parent.device or torch.device("cpu"):
+            return super()._reset(tensordict, tensordict_reset)
+
+
+class EpisodeStart(_OnOneDevice, InitTracker):
+    """Writes ``is_init``, for a recurrent network: whether a step is the first one of an episode."""
+
+
+class Memory(_OnOneDevice, TensorDictPrimer):
+    """Writes the memory of a recurrent network at the start of an episode, zeros."""
+
+
 def recurrent_network(
     sizes: Mapping[NestedKey, int],
     out_key: NestedKey,
@@ -188,16 +222,16 @@ def recurrent_network(
 
     Reads the entry ``recurrent_state`` and writes ``("next", "recurrent_state")``, each of shape
     ``(*batch, layers, hidden_size)``; needs ``is_init``, as
-    :class:`~torchrl.envs.InitTracker` writes it.
+    :class:`EpisodeStart` writes it.
     """
     encoder = ObservationModule(sizes, "embedding", hidden_size, width=width, hidden=())
+    gru = nn.GRU(hidden_size, hidden_size, layers, batch_first=True, **_FACTORY)
     memory = GRUModule(
-        input_size=hidden_size,
-        hidden_size=hidden_size,
-        num_layers=layers,
+        gru=gru,
         in_keys=["embedding", RECURRENT_STATE],
         out_keys=["features", ("next", RECURRENT_STATE)],
     )
-    head = TensorDictModule(nn.Linear(hidden_size, out_features), ["features"], [out_key])
+    linear = nn.Linear(hidden_size, out_features, **_FACTORY)
+    head = TensorDictModule(linear, ["features"], [out_key])
     parts = TensorDictSequential(encoder, memory, head)
     return parts.select_out_keys(out_key, ("next", RECURRENT_STATE))

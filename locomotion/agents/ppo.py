@@ -69,6 +69,7 @@ class PPO:
             lmbda=config.gae_lambda,
             value_network=critic,
             average_gae=False,
+            device=self._device,
         )
         self.loss = _Loss(
             actor,
@@ -80,6 +81,10 @@ class PPO:
             normalize_advantage=True,
             functional=False,  # nothing here swaps parameters
         )
+        for part in (self.advantage, self.loss):
+            # TorchRL gives its constants torch's default dtype, in which all would be computed.
+            for name, constant in part.named_buffers(recurse=False):
+                setattr(part, name, constant.to(next(critic.parameters()).dtype))
         self.optimizer = self._make_optimizer()
         self._factor = {
             Schedule.linear: lambda update: max(0.0, 1 - update / config.iterations),

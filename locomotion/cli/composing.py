@@ -7,46 +7,42 @@ before the first one runs, and Hydra's own part of the configuration before Hydr
 from __future__ import annotations
 
 import dataclasses
-import functools
-import itertools
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 
-import hydra
-from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
-from hydra.core.plugins import Plugins
-from hydra.core.utils import JobRuntime
-from hydra.plugins.search_path_plugin import SearchPathPlugin
 from hydra.types import RunMode
-from hydra.version import VersionBase
-from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf import DictConfig, OmegaConf, open_dict, read_write
+from tqdm import tqdm
 
-from locomotion.cli.fixed import refuse_what_is_fixed
+from hydra_plugins.locomotion_sweeps.grid import jobs_of
 from locomotion.cli.help import table
 from locomotion.cli.refusal import explained
+from locomotion.composition import application, composed, configurations, own_store
 from locomotion.config import GROUPS, Config, typed_config
-from locomotion.options import ConfigError, conf_dir, import_plugins, learners, read_choice
-from locomotion.robots import load_robot
+from locomotion.options import ConfigError, import_plugins, learners, read_choice
+from locomotion.options.paths import PATH_KEYS, quoted, read_path
+from locomotion.robots import RobotConfig, load_robot
+from locomotion.runs import typed_record
 from locomotion.tasks.options import TaskConfig
 
 Job = tuple[Config, Path]
 #: A YAML file in a value, in quotes or up to what separates values.
-_FILE = re.compile(r"""'[^']+\.ya?ml'|"[^"]+\.ya?ml"|[^,()'"]+\.ya?ml(?=[,)]|$)""")
+_FILE = re.compile(r"""(['"])(\\.|(?!\1).)+\.ya?ml\1|[^,()'"]+\.ya?ml(?=[,)]|$)""", re.DOTALL)
 
 
 def compose(*overrides: str, config_dir: Path | str | None = None) -> Config:
     """See :func:`locomotion.compose`; another Hydra application around it is left as it is."""
-    given = normalised(overrides)
-    register(given)
-    with _hydra(config_dir), explained():
-        return typed_config(hydra.compose("config", given))
+    with own_store():
+        given = normalised(overrides)
+        register(given)
+        with application(config_dir), explained(config_dir):
+            return _job(composed(given))[0]
 
 
 def compose_jobs(
@@ -55,7 +51,7 @@ def compose_jobs(
     """The configuration and the folder of each job, as Hydra will compose them.
 
     An experiment has lists of its own, which those on the command line replace, and may ask for a sweep.
-    Another sweeper than Hydra's own finds its jobs as it goes; then there is one, of first values.
+    Another sweeper than the project's own finds its jobs as it goes; then there is one, of first values.
 
     Args:
         overrides: those of the command line, as :func:`normalised` returns them.
@@ -66,69 +62,38 @@ def compose_jobs(
         ConfigError: if one of the jobs cannot be used.
     """
     register(overrides)
-    with _hydra(config_dir), explained():
-        parser = OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
-        given = parser.parse_overrides(list(overrides))
-        swept = [override.input_line for override in given if override.is_sweep_override()]
-        single = [line for line in overrides if line not in swept]
-        common = _composed(single)
+    with application(config_dir), explained(config_dir):
+        swept = [o.input_line for o in _parsed(overrides) if o.is_sweep_override()]
+        common = composed([line for line in overrides if line not in swept])
         if not multirun and common.hydra.mode is not RunMode.MULTIRUN:
             if swept:
                 raise ConfigError(f"{swept[0]}: several values need --multirun")
             return [_job(common)]
-        own = common.hydra.runtime.choices["hydra/sweeper"] == "basic"
-        params = common.hydra.sweeper.get("params") or {}
-        lists = [f"{key}={values}" for key, values in params.items()]
-        values = {
-            override.get_key_element(): _values(override, own)
-            for override in [*parser.parse_overrides(lists), *given]
-        }
-        jobs = itertools.islice(itertools.product(*values.values()), None if own else 1)
+        loader = GlobalHydra.instance().config_loader()
+        first = common.hydra.runtime.choices["hydra/sweeper"] != "grid"
+        jobs = jobs_of(overrides, common.hydra.sweeper.get("params"), loader, first)
         HydraConfig.instance().set_config(common)
         str(common.hydra.sweep.dir)  # the time in it is that of all jobs
-        return [_job(_composed(job), number, common) for number, job in enumerate(jobs)]
-
-
-def _values(override: Override, enumerated: bool) -> list[str]:
-    """An override, or each of those that a list of values stands for."""
-    key = override.get_key_element()
-    if not override.is_sweep_override():
-        return [override.input_line]
-    if override.is_discrete_sweep():
-        values = [f"{key}={value}" for value in override.sweep_string_iterator()]
-    elif enumerated:
-        raise ConfigError(f"{override.input_line} is not a list, which hydra/sweeper=basic needs")
-    else:
-        values = [f"{key}={override.value().start}"]
-    if not values:
-        raise ConfigError(f"{override.input_line} holds no value")
-    return values
-
-
-def _composed(overrides: Sequence[str]) -> DictConfig:
-    config = hydra.compose("config", list(overrides), return_hydra_config=True)
-    refuse_what_is_fixed(config, _own)
-    return config
-
-
-@functools.cache
-def _own(launcher: str, sweeper: str) -> DictConfig:
-    with _hydra(None):  # nobody's folder is searched
-        choices = [f"hydra/launcher={launcher}", f"hydra/sweeper={sweeper}"]
-        return hydra.compose("config", choices, return_hydra_config=True)
+        # Without a terminal, or when it takes no longer than a second, there is no bar.
+        what = f"checking {len(jobs)} jobs"
+        shown = tqdm(configurations(jobs), what, len(jobs), delay=1, disable=None, leave=False)
+        return [_job(config, number, common) for number, config in enumerate(shown)]
 
 
 def _job(config: DictConfig, number: int = 0, common: DictConfig | None = None) -> Job:
-    with open_dict(config):
+    with read_write(config.hydra), open_dict(config.hydra):
         if common is not None:
             OmegaConf.copy_cache(from_config=common, to_config=config)
             config.hydra.job.num = number
             config.hydra.job.id = f"{config.hydra.job.name}_{number}"
-        HydraConfig.instance().set_config(config)  # for what refers to ${hydra:...}
-        run, sweep = config.hydra.run, config.hydra.sweep
-        folder = Path(run.dir) if common is None else Path(sweep.dir, sweep.subdir)
-        del config["hydra"]
-    return typed_config(config), folder
+    HydraConfig.instance().set_config(config)  # for what refers to ${hydra:...}
+    run, sweep = config.hydra.run, config.hydra.sweep
+    folder = Path(run.dir) if common is None else Path(sweep.dir, sweep.subdir)
+    own = [name for name in config if name != "hydra" and not OmegaConf.is_missing(config, name)]
+    values = {name: config[name] for name in own}
+    for name in filter(lambda name: OmegaConf.is_config(values[name]), own):
+        values[name] = OmegaConf.to_container(values[name], resolve=True)
+    return typed_config(values), folder
 
 
 def normalised(overrides: Sequence[str]) -> list[str]:
@@ -158,13 +123,13 @@ def _parsed(overrides: Sequence[str]) -> list[Override]:
 
 
 def _spelled(overrides: Sequence[str]) -> Iterator[str]:
-    """Overrides in Hydra's grammar: robots that are files are choices, and letters of any alphabet are
-    in quotes.
+    """Overrides in Hydra's grammar: robots that are files are choices, and paths and letters of any
+    alphabet are in quotes.
     """
     files: dict[str, Path] = {}
 
     def choice(text: str) -> str:
-        path = Path(text.strip(" '\"")).expanduser()
+        path = Path(read_path(text))
         # Called as no other choice is.
         name = re.sub(r"\W", "-", path.stem, flags=re.ASCII) + "-file"
         if files.setdefault(name, path) != path:
@@ -175,14 +140,18 @@ def _spelled(overrides: Sequence[str]) -> Iterator[str]:
 
     for text in overrides:
         key, equals, value = text.partition("=")
-        if not value.isascii() and not {*value} & {*"'\"[]{}(),"}:
-            value = f"'{value}'"
-        if key.lstrip("+") != "robot" or not value:
-            yield f"{key}{equals}{value}"
-        elif _FILE.search(value) and Path(value.strip("'")).is_file():  # whatever its name
-            yield f"{key}={choice(value)}"
-        else:
-            yield f"{key}={_FILE.sub(lambda found: choice(found[0]), value)}"
+        name = key.lstrip("+")
+        if equals and name in PATH_KEYS and (name, value) != ("output", "null"):
+            value = quoted(read_path(value))
+        elif name == "robot":
+            file = value.endswith((".yaml", ".yml"))
+            if file and ("," not in value or Path(read_path(value)).is_file()):
+                value = choice(value)
+            else:
+                value = _FILE.sub(lambda found: choice(found[0].strip()), value)
+        elif not value.isascii() and not {*value} & {*"'\"[]{}(),"}:
+            value = quoted(value)
+        yield f"{key}{equals}{value}"
 
 
 def parse(overrides: Sequence[str], where: str) -> list[Override]:
@@ -213,15 +182,17 @@ def amended(saved: dict, overrides: Sequence[Override], learning: bool = True) -
     Raises:
         ConfigError: for an option that is not there, or a key that cannot be set so.
     """
-    config = OmegaConf.create({**saved, "plugins": []})
-    for override in overrides:
-        key, value = override.key_or_group, override.value()
-        chosen = key in GROUPS and isinstance(value, str)
-        value = read_choice(key, value) if chosen else value
-        with explained():
-            merge = key == "physics" or not chosen
-            OmegaConf.update(config, key, value, merge=merge, force_add=True)
-    changed = typed_config(config, learning)
+
+    def change(config: DictConfig) -> None:
+        for override in overrides:
+            key, value = override.key_or_group, override.value()
+            chosen = key in GROUPS and isinstance(value, str)
+            value = read_choice(key, value) if chosen else value
+            with explained():
+                merge = key == "physics" or not chosen
+                OmegaConf.update(config, key, value, merge=merge, force_add=True)
+
+    changed = typed_record(saved, change, learning)
     changed.physics.require()
     return changed
 
@@ -237,7 +208,8 @@ def register(overrides: Sequence[str] = ()) -> None:
     parts = [(name, part, dataclasses.field(default_factory=part)) for name, part in known.items()]
     schema = dataclasses.make_dataclass("Schema", parts, bases=(Config,))
     node = OmegaConf.structured(schema)
-    node.task = TaskConfig
+    node.robot, node.task = RobotConfig, TaskConfig
+    node.robot.name = "${hydra:runtime.choices.robot}"  # of a body that does not say
     for name in ("obs", "arena", "task", "network", *known):
         OmegaConf.set_struct(node[name], False)  # their keys are those of what is chosen by name
     ConfigStore.instance().store("locomotion", node)
@@ -249,38 +221,6 @@ def _import_plugins(overrides: Sequence[Override]) -> None:
     for override in overrides:
         if override.key_or_group == "plugins" and isinstance(override.value(), list):
             import_plugins(map(str, override.value()))
-
-
-class OwnFolder(SearchPathPlugin):
-    """A folder of one's own, which Hydra searches after the project's."""
-
-    path: Path | str | None = None
-
-    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
-        """Adds it, if there is one."""
-        if self.path is not None:
-            search_path.append("command-line", f"file://{Path(self.path).resolve()}")
-
-
-@contextmanager
-def _hydra(config_dir: Path | str | None) -> Iterator[None]:
-    """Hydra with the project's configuration, and afterwards as it was."""
-    base, details, job = VersionBase.instance(), HydraConfig.instance(), JobRuntime.instance()
-    others, store = GlobalHydra.instance(), ConfigStore.instance()
-    before = base.version_base, details.cfg, job.conf, others.hydra, store.repo, OwnFolder.path
-    Plugins.instance().register(OwnFolder)
-    OwnFolder.path = config_dir
-    others.clear()
-    job.conf = OmegaConf.create()
-    # An application's own "config" would be taken for the schema of this one's.
-    groups = {name: part for name, part in store.repo.items() if isinstance(part, dict)}
-    store.repo = {**groups, "locomotion.yaml": store.repo["locomotion.yaml"]}
-    try:
-        with hydra.initialize_config_dir(str(conf_dir()), job_name="train", version_base="1.3"):
-            yield
-    finally:
-        others = GlobalHydra.instance()
-        base.version_base, details.cfg, job.conf, others.hydra, store.repo, OwnFolder.path = before
 
 
 def _jobs_at_once(threads: int | None) -> int:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from locomotion.config import Config
-from locomotion.envs.observations import ObsTerm
-from locomotion.options import arenas, described, learners, networks, readings, rewards, summary
+from locomotion.config import all_keys
+from locomotion.options import readings, rewards, summary
 
 
 def table(what: str) -> str:
@@ -20,12 +19,8 @@ def table(what: str) -> str:
     if what == "rewards":
         known = {name: (rewards.get(name).__doc__ or "").strip() for name in rewards.names()}
         return listed((name, text.partition("\n")[0].rstrip(".")) for name, text in known.items())
-    fields = dict(described(Config)) | dict(described(ObsTerm, "obs.TERM."))
-    places = {learners: "{}.", networks: "network.", arenas: "arena.", rewards: "task.rewards.{}."}
-    for registry, place in places.items():
-        for name in registry.names():
-            fields.update(described(registry.get(name), place.format(name)))
-    return listed((name, summary(field)) for name, field in fields.items() if field.metadata)
+    keys = dict(all_keys())
+    return listed((name, summary(field)) for name, field in keys.items() if field.metadata)
 
 
 def listed(rows: Iterable[tuple[str, str]]) -> str:

@@ -104,15 +104,16 @@ class Command:
         if not all(isinstance(saved.get(part), dict) for part in ("env", "physics")):
             raise RunError(f"{folder} holds no run of this project")
         saved["env"].update(self._fixed)
-        saved["logger"] = {}  # what a run was shown in need not be installed here
         config = amended(saved, task, learning=False)
         for key, value in self._fixed.items():
             if getattr(config.env, key) != value:
                 shown = "null" if value is None else value
                 raise ConfigError(f"env.{key} is {shown} in this command")
+        output = own.pop("output", None)
         options = typed(self.schema, own)
-        if hasattr(options, "output"):
-            _require_place(options.output)
+        if "output" in names:  # set as it is: a name may have what would refer to something
+            options = dataclasses.replace(options, output=output)
+            _require_place(output)
         return folder, config, options
 
     def _help(self) -> str:
@@ -143,6 +144,8 @@ def _require_place(output: str | None) -> None:
     home = Path() if output is None else Path(output).parent
     if not home.is_dir():
         raise ConfigError(f"output={output}: there is no folder {home}")
+    if output is not None and Path(output).is_dir():
+        raise ConfigError(f"output={output} is a folder")
     require_writable(home)
 
 

@@ -15,12 +15,13 @@ from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from locomotion.cli.composing import amended, compose_jobs, normalised, parse, register
 from locomotion.cli.refusal import refuse, refusing
 from locomotion.config import Config, typed_config
 from locomotion.options import ConfigError, conf_dir, import_plugins
+from locomotion.options.paths import read_path
 from locomotion.runs import differences, is_finished, read_config, require_writable
 from locomotion.training.execute import execute
 
@@ -58,7 +59,9 @@ def run_job(config: DictConfig) -> float:
         details = HydraConfig.get()
         # As it was checked: what referred to a time or a job's number has its value by now.
         files = {"hydra": {"hydra": details}, "overrides": details.overrides.task}
-        return _run(typed_config(config), Path(details.runtime.output_dir), files=files)
+        # As it is written: a name may have what would refer to something.
+        folder = OmegaConf.to_container(details.runtime, resolve=False)["output_dir"]
+        return _run(typed_config(config), Path(folder), files=files)
 
 
 def _run(config: Config, folder: Path, **options: Any) -> float:
@@ -78,10 +81,13 @@ def _parse() -> tuple[list[str], dict[str, Any]]:
     parser.add_argument("--cfg", "-c", choices=("job", "hydra", "all"))
     parser.add_argument("--info", "-i", nargs="?", const="all", choices=_INFORMATION)
     parser.add_argument("--package", "-p")
-    parser.add_argument("--config-dir", "-cd", type=Path)
-    flags = {name: value for name, value in vars(parser.parse_intermixed_args()).items() if value}
-    if "config_dir" in flags and not flags["config_dir"].is_dir():
-        raise ConfigError(f"--config-dir={flags['config_dir']} is not a folder")
+    parser.add_argument("--config-dir", "-cd")
+    given = vars(parser.parse_intermixed_args())
+    flags = {name: value for name, value in given.items() if value or value == ""}
+    if "config_dir" in flags:
+        flags["config_dir"] = Path(read_path(flags["config_dir"]))
+        if not flags["config_dir"].is_dir():
+            raise ConfigError(f"--config-dir={flags['config_dir']} is not a folder")
     if flags.keys() & {"resolve", "package"} and "cfg" not in flags:
         raise ConfigError("--resolve and --package go with --cfg")
     if flags.keys() >= {"multirun", "cfg"}:
@@ -108,7 +114,7 @@ def _resume(resumed: Sequence[str], overrides: list[str], flags: Mapping[str, An
     """Resumes the run in a folder, in which only what leaves its numbers alone may change."""
     if len(resumed) > 1 or flags:
         raise ConfigError("resume=FOLDER resumes one run, with KEY=VALUE and without flags")
-    folder = Path(resumed[0].removeprefix("resume="))
+    folder = Path(read_path(resumed[0].removeprefix("resume=")))
     amendments = parse(overrides, "with resume=FOLDER")
     saved = read_config(folder)
     least = amended(saved, []).learner.iterations

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from omegaconf import MISSING, OmegaConf
@@ -16,7 +16,7 @@ from omegaconf import MISSING, OmegaConf
 from locomotion.agents.architectures import Network
 from locomotion.agents.learners import LearnerConfig
 from locomotion.config.logger import LoggerConfig
-from locomotion.envs.observations import check_terms, typed_terms
+from locomotion.envs.observations import ObsTerm, check_terms, typed_terms
 from locomotion.options import (
     Checked,
     ConfigError,
@@ -26,6 +26,7 @@ from locomotion.options import (
     key,
     learners,
     networks,
+    rewards,
     typed,
 )
 from locomotion.physics.options import PhysicsConfig
@@ -38,10 +39,11 @@ from locomotion.tasks.rewards import make_rewards
 class Config(Checked):
     """A run.
 
+    Options of what is chosen by name are filled up with their defaults.
+
     Attributes:
-        learner: the options of the learner that ``algorithm`` names; in a configuration they stand under
-            that name, such as ``ppo.gamma``.
-        architecture: the network that ``network`` describes.
+        learner: the options of the learner that ``algorithm`` names, its defaults if it is another's; in
+            a configuration they stand under that name, such as ``ppo.gamma``.
         obs: terms by name, each an :class:`~locomotion.envs.observations.ObsTerm`.
     """
 
@@ -61,6 +63,9 @@ class Config(Checked):
     plugins: list[str] = key(
         "modules to import, which register choices of their own", default=[], free=True
     )
+    learner: LearnerConfig | None = dataclasses.field(
+        default=None, metadata={"omegaconf_ignore": True}
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,13 +74,24 @@ class Config(Checked):
                 raise ConfigError(
                     f"plugins={name} has not been imported; +plugins=[{name}] does that"
                 )
-        self.learner: LearnerConfig = learners.get(self.algorithm, "algorithm")()
+        schema = learners.get(self.algorithm, "algorithm")
+        if not isinstance(self.learner, schema):
+            self.learner = schema()
         self.obs = typed_terms(self.obs)
         check_terms(self.obs)
         substeps(self.env.control_frequency, self.physics.timestep)
-        make_rewards(self.task.rewards)
-        chosen(arenas, self.arena, "arena")
-        self.architecture: Network = chosen(networks, self.network, "network")
+        terms = zip(self.task.rewards, make_rewards(self.task.rewards), strict=True)
+        whole = {name: plain(reward) for name, reward in terms}
+        self.task = dataclasses.replace(self.task, rewards=whole)
+        for name, registry in (("arena", arenas), ("network", networks)):
+            options = getattr(self, name)
+            made = chosen(registry, options, name)
+            setattr(self, name, {"name": options["name"], **plain(made)})
+
+    @property
+    def architecture(self) -> Network:
+        """The network that ``network`` describes."""
+        return chosen(networks, self.network, "network")
 
 
 #: The parts of a configuration that are chosen as ``GROUP=OPTION``.
@@ -107,16 +123,33 @@ def typed_config(content: Mapping[str, Any], learning: bool = True) -> Config:
     config.learner = typed(schema, options, prefix=f"{algorithm}.")
     if learning:
         config.learner.check(config.env.num_envs, config.physics.device)
+        config.learner.check_network(config.architecture)
     return config
 
 
 def as_dict(config: Config) -> dict[str, Any]:
     """The plain values of a run, as a configuration spells them."""
-    parts = OmegaConf.structured(config), OmegaConf.structured(config.learner)
-    content, options = (OmegaConf.to_container(part, enum_to_str=True) for part in parts)
-    return {**content, config.algorithm: options}
+    return {**plain(config), config.algorithm: plain(config.learner)}
+
+
+def plain(options: Any) -> dict[str, Any]:
+    """The plain values of an instance of a dataclass."""
+    return OmegaConf.to_container(OmegaConf.structured(options), enum_to_str=True)
+
+
+def all_keys() -> Iterator[tuple[str, dataclasses.Field]]:
+    """The keys of a run and of all that it can be made of; a key of several choices is there for each."""
+    yield from described(Config)
+    yield from described(ObsTerm, "obs.TERM.")
+    places = {learners: "{}.", networks: "network.", arenas: "arena.", rewards: "task.rewards.{}."}
+    for registry, place in places.items():
+        for name in registry.names():
+            yield from described(registry.get(name), place.format(name))
 
 
 def free_keys() -> frozenset[str]:
     """The keys that do not change the numbers of a run, such as ``physics.threads``."""
-    return frozenset(name for name, field in described(Config) if field.metadata.get("free"))
+    free: dict[str, bool] = {}
+    for name, field in all_keys():
+        free[name] = free.get(name, True) and bool(field.metadata.get("free"))
+    return frozenset(name for name in free if free[name])

@@ -19,7 +19,7 @@ class Divergence:
 
     Attributes:
         robot: which one.
-        qpos: generalised positions before the step, shape ``(nq,)``.
+        qpos: generalised positions before the step, shape ``(nq,)``; not finite if they were so before.
         qvel: generalised velocities before the step, shape ``(nv,)``.
         action: hinge targets (rad) of the step, shape ``(hinges,)``.
     """
@@ -41,14 +41,16 @@ class DivergenceLog:
 
         Args:
             diverged: which ones, as :meth:`~locomotion.physics.Physics.step` returned it.
-            physics: the physics, in which they are back in the state before.
+            physics: the physics, which knows the states before.
             action: hinge targets of all robots, shape ``(num_envs, hinges)``.
         """
         if diverged is None:
             return
+        # Not those that robots are put back to: a state that nothing can start from was the culprit.
+        motion, nq = physics.previous[:, 1:], physics.model.nq
         for robot in diverged.nonzero().squeeze(-1).tolist():
-            state = (physics.qpos, physics.qvel, action)
-            copies = (entry[robot].to("cpu", copy=True) for entry in state)
+            state = (motion[robot, :nq], motion[robot, nq:], action[robot])
+            copies = (entry.to("cpu", copy=True) for entry in state)
             self._kept.append(Divergence(robot, *copies))
 
     def take(self) -> list[Divergence]:

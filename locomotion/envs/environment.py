@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,23 +11,21 @@ from typing import Any
 import mujoco
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from locomotion.envs.divergence import Divergence, DivergenceLog
 from locomotion.envs.making import task_and_physics
 from locomotion.envs.observables import add_observables
+from locomotion.envs.specs import FLAGS, make_specs
 from locomotion.options import readings as known_readings
 from locomotion.physics import Physics, make_physics
 from locomotion.physics.options import PhysicsConfig
 from locomotion.robots.body import RobotConfig
 from locomotion.tasks import RobotState, WalkAway, compile_model
 from locomotion.tasks.options import EnvConfig, substeps
-from locomotion.tasks.work import hinge_work
 
 #: Readings that an environment gives unless it is told others.
 READINGS = ("hinge_position", "hinge_velocity", "core_orientation", "core_position")
-_FLAGS = ("done", "terminated", "truncated")
 
 
 class LocomotionEnv(EnvBase):
@@ -75,6 +74,7 @@ class LocomotionEnv(EnvBase):
     ) -> None:
         task, physics = task_and_physics(task, physics, {"num_envs": num_envs, **settings})
         period = task.control_timestep
+        num_envs = int(num_envs)  # a whole number of any kind, as has been checked
         limits = EnvConfig(num_envs, control_frequency=1 / period, time_limit=time_limit)
         self._readings = {name: known_readings.get(name, "reading") for name in readings}
         # On the CPU TorchRL need not be told: it would look at every tensor for nothing.
@@ -95,27 +95,29 @@ class LocomotionEnv(EnvBase):
         self._hooks: list[Callable[[Physics], None]] = []
         if task.needs_work:
             self._physics.field("actuator_force")
-            self._hooks.append(self._add_work)
         # From the first step on physics computes all that is read.
         self.observe()
         task.reward(self._before(), self.state)
-        self._make_specs(num_envs)
+        for name, spec in make_specs(task, self._readings, num_envs, at).items():
+            setattr(self, name, spec)
         self._set_seed(seed)
 
-    def _make_specs(self, num_envs: int) -> None:
-        at, limit = {"device": self.device}, self._task.target_limit
-        shape = (num_envs, self.model.nu)
-        self.action_spec = Bounded(-limit, limit, shape=shape, dtype=torch.float32, **at)
-        observed = {
-            name: Unbounded(
-                (num_envs, reading.size(self._task)), dtype=getattr(torch, reading.dtype), **at
-            )
-            for name, reading in self._readings.items()
-        }
-        self.observation_spec = Composite(observed, shape=(num_envs,), **at)
-        self.reward_spec = Unbounded((num_envs, 1), dtype=torch.float32, **at)
-        flags = {name: Binary(1, shape=(num_envs, 1), dtype=torch.bool, **at) for name in _FLAGS}
-        self.done_spec = Composite(flags, shape=(num_envs,), **at)
+    def __getstate__(self) -> dict[str, Any]:
+        # Readings are functions, and found again by their names. A hook is of its block alone.
+        return {**self.__dict__, "_readings": list(self._readings), "_hooks": []}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        self._readings = {name: known_readings.get(name, "reading") for name in self._readings}
+        add_observables(self._task, tuple(self._readings))
+
+    def extra_repr(self) -> str:
+        """The robot, how many there are, what steps them, what is read and what is paid, for ``repr()``."""
+        robot, rewards = self._task.robot.mjcf_model.model, self._task.rewards
+        return (
+            f"robot={robot!r}, num_envs={self.num_envs}, physics={self._physics!r},\n"
+            f"readings={list(self._readings)},\nrewards={[type(paid).__name__ for paid in rewards]}"
+        )
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -150,16 +152,22 @@ class LocomotionEnv(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         # On the CPU wherever the robots are, so that they start in the same way.
-        seed = int(torch.randint(2**31, ())) if seed is None else seed
-        self._generator = torch.Generator().manual_seed(seed)
+        seed = torch.randint(2**31, (), device="cpu") if seed is None else seed
+        self._generator = torch.Generator("cpu").manual_seed(operator.index(seed))
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDict:
+    def _reset(
+        self, tensordict: TensorDictBase | None = None, *, seed: int | None = None, **others: Any
+    ) -> TensorDict:
+        if others:
+            raise TypeError(f"reset() of {type(self).__name__} takes seed, not {', '.join(others)}")
+        if seed is not None:
+            self._set_seed(seed)
         where = None if tensordict is None else tensordict.get("_reset", None)
         if where is not None:
             where = where.reshape(self.num_envs)
         # Targets are drawn for all robots, so that a partial reset uses up as much randomness.
         limit = self._task.target_limit
-        targets = torch.empty(self.action_spec.shape, dtype=torch.float64)
+        targets = torch.empty(self.num_envs, self.model.nu, dtype=torch.float64, device="cpu")
         targets = targets.uniform_(-limit, limit, generator=self._generator).to(self._start.device)
         self._physics.reset(where)
         diverged = self._physics.step(targets, self._task.settle_steps, where)
@@ -174,10 +182,15 @@ class LocomotionEnv(EnvBase):
         self._steps[rows] = 0
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
-        action = tensordict.get("action")
+        action = tensordict.get("action", None)
+        if not isinstance(action, torch.Tensor):
+            raise KeyError(
+                f"a step needs an entry 'action', a tensor of hinge targets (rad) of shape"
+                f" {(self.num_envs, self.model.nu)}; got {action!r}"
+            )
         if self._task.needs_work:
             self._work.zero_()
-        watch = self._call_hooks if self._hooks else None
+        watch = self._watch if self._hooks or self._task.needs_work else None
         diverged = self._physics.step(action, self._substeps, watch=watch)
         self._divergences.note(diverged, self._physics, action)
         reward = self.reward(self._before(), self.state).to(torch.float32).unsqueeze(-1)
@@ -194,7 +207,7 @@ class LocomotionEnv(EnvBase):
         return self._result(done, terminated, truncated, reward=reward)
 
     def _result(self, *flags: torch.Tensor, **reward: torch.Tensor) -> TensorDict:
-        found = {**self.observe(), **reward, **dict(zip(_FLAGS, flags))}
+        found = {**self.observe(), **reward, **dict(zip(FLAGS, flags))}
         return TensorDict(found, batch_size=self.batch_size, device=self.device)
 
     def _before(self) -> RobotState:
@@ -235,14 +248,11 @@ class LocomotionEnv(EnvBase):
         finally:
             self._hooks.remove(hook)
 
-    def _call_hooks(self, physics: Physics) -> None:
+    def _watch(self, physics: Physics) -> None:
+        if self._task.needs_work:
+            self._work += physics.hinge_work()
         for hook in self._hooks:
             hook(physics)
-
-    def _add_work(self, physics: Physics) -> None:
-        before = physics.previous[:, 1 + self.model.nq :]
-        force = physics.field("actuator_force").to(before.dtype)
-        self._work += hinge_work(self.model, force, before, physics.qvel)
 
     def take_divergences(self) -> list[Divergence]:
         """The divergences since this was last asked, at most the last thousand."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ def make_task(
     Raises:
         ConfigError: for an unknown name or option, or a value out of range.
     """
+    made_by = functools.partial(make_task, robot, arena, task, env, physics)
     env, physics = env or EnvConfig(), physics or PhysicsConfig()
     substeps(env.control_frequency, physics.timestep)  # raises what dm-control says less plainly
     ground = chosen(arenas, arena or {"name": "ground"}, "arena").make(physics.friction)
@@ -48,7 +50,7 @@ def make_task(
         strength_scale=physics.strength_scale,
         self_collision=physics.self_collision,
     )
-    return WalkAway(
+    made = WalkAway(
         body,
         ground,
         rewards=None if task is None else make_rewards(task.rewards),
@@ -59,6 +61,8 @@ def make_task(
         latency=physics.latency,
         clock_frequency=env.clock_frequency,
     )
+    made.made_by = made_by
+    return made
 
 
 def task_and_physics(

@@ -74,6 +74,7 @@ def make_transforms(terms: Mapping[str, ObsTerm]) -> tuple[list[Transform], list
     Returns:
         The transforms; the entries that the policy sees, one a term.
     """
+    import torch
     from torchrl.envs import ObservationNorm
 
     from locomotion.transforms import HingeHistory, IncludeOrientation
@@ -89,7 +90,8 @@ def make_transforms(terms: Mapping[str, ObsTerm]) -> tuple[list[Transform], list
             entry = f"{name}_{form}"
         if term.scale != 1.0:
             scaled = f"{name}_scaled"
-            transforms.append(ObservationNorm(0.0, term.scale, [entry], [scaled]))
+            shift, scale = torch.tensor([0.0, term.scale], dtype=torch.float32, device="cpu")
+            transforms.append(ObservationNorm(shift, scale, [entry], [scaled]))
             entry = scaled
         if term.steps > 1:
             transforms.append(HingeHistory(term.steps, [entry], [f"{name}_history"]))

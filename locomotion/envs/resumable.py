@@ -17,8 +17,8 @@ class ResumableEnv(TransformedEnv):
 
     That is the base environment's ``state_dict()``, those of the transforms with the tensors that they
     keep elsewhere, and the entries that the last step or reset wrote. After :meth:`load_state_dict` the
-    first ``reset()`` begins no episode: it returns the entries that were saved, so a collector that is
-    made then goes on as if nothing had happened.
+    first ``reset()`` without arguments begins no episode: it returns the entries that were saved, so a
+    collector that is made then goes on as if nothing had happened.
 
     It is to be stepped by ``step_and_maybe_reset()``, as collectors do. What a transform counts in plain
     numbers, as :class:`~torchrl.envs.TrajCounter` and :class:`~torchrl.envs.Timer` do, begins anew.
@@ -37,8 +37,8 @@ class ResumableEnv(TransformedEnv):
         return stepped, following
 
     def reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
-        if self._resumed and tensordict is None:
-            self.__dict__["_resumed"] = False
+        resumed, self.__dict__["_resumed"] = self._resumed, False
+        if resumed and tensordict is None and not kwargs:
             return self._current.clone()
         self.__dict__["_current"] = super().reset(tensordict, **kwargs)
         return self._current
@@ -56,6 +56,10 @@ class ResumableEnv(TransformedEnv):
         Raises:
             RuntimeError: if it is that of another environment, or of other transforms.
         """
+        base, saved = self.base_env, state_dict["base"]
+        while isinstance(base, TransformedEnv) and not isinstance(base, ResumableEnv):
+            base, saved = base.base_env, saved["base"]
+        base.load_state_dict(saved)  # opens one that was closed, so that it can be reset
         # Some transforms make what they remember in only when they are first used, as CatFrames does.
         with forked_generators(self), torch.no_grad():
             _ = self.input_spec

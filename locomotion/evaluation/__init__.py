@@ -5,8 +5,8 @@ from typing import Any
 
 _MODULES = {
     "controller": ("Controller",),
-    "measures": ("MEASURES", "Interval", "measure", "summarise"),
-    "policy": ("load_policy",),
+    "measures": ("MEASURES", "Interval", "measure", "speed", "summarise"),
+    "policy": ("load_policy", "require_parts"),
     "reality": ("CHANGES", "Change", "Share", "planned", "shares"),
     "walking": ("Disturbances", "Walk", "Walker", "make_walker", "walk"),
 }

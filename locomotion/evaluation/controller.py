@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import nn
-from torchrl.envs import ExplorationType, ObservationNorm, TransformedEnv, set_exploration_type
+from torchrl.envs import (
+    ExplorationType,
+    InitTracker,
+    ObservationNorm,
+    TensorDictPrimer,
+    TransformedEnv,
+    set_exploration_type,
+)
 from torchrl.modules import GRUModule, LSTMModule
 
 from locomotion.config import Config
 from locomotion.envs.observations import make_transforms
+from locomotion.options import ConfigError
 from locomotion.transforms import HingeHistory
 
 
@@ -25,6 +33,9 @@ class Controller(nn.Module):
         env: its environment.
         policy: its policy.
 
+    Raises:
+        ConfigError: if the environment has transforms of somebody's own, which a controller has not.
+
     Attributes:
         readings: the length of each reading that the policy needs, by name.
         memory: the shape of each part of the memory, by name; all of it is 0 at the start.
@@ -35,6 +46,7 @@ class Controller(nn.Module):
         self._policy = _without_branches(policy)
         self._limit = config.env.target_limit
         self._transforms = nn.ModuleList(make_transforms(config.obs)[0])
+        _require_known(env, self._transforms)
         spec, base = env.observation_spec, env.base_env.observation_spec
         self.readings = {name: base[name].shape[-1] for name in base}
         self.memory: dict[str, tuple[int, ...]] = {}
@@ -76,6 +88,20 @@ class Controller(nn.Module):
             decided = self._policy(seen)
         following |= {key: decided["next", key] for key in self._recurrent}
         return decided["action"].clamp(-self._limit, self._limit), following
+
+
+def _require_known(env: TransformedEnv, known: Iterable[nn.Module]) -> None:
+    others = [
+        type(transform).__name__
+        for transform in env.transform
+        if not isinstance(
+            transform, (InitTracker, TensorDictPrimer)
+        )  # of a recurrent policy's memory
+    ]
+    for transform in known:
+        others.remove(type(transform).__name__)
+    if others:
+        raise ConfigError(f"a controller has not the environment's own {', '.join(others)}")
 
 
 class _OneStep(TensorDictModuleBase):

@@ -44,6 +44,18 @@ MEASURES = {
 }
 
 
+def speed(place: torch.Tensor, seconds: float) -> torch.Tensor:
+    """How fast robots got away from where they started: distance over time (m/s), ``(robots,)``.
+
+    It is about all that time: of a robot that circles it is 0 after each turn, however it moves.
+
+    Args:
+        place: on the ground (m), at the start first and at the end last, shape ``(moments, robots, 2)``.
+        seconds: the time between.
+    """
+    return (place[-1] - place[0]).norm(dim=-1) / seconds
+
+
 def measure(walk: Walk) -> dict[str, torch.Tensor]:
     """The measures of each robot, by name, float64 of shape ``(robots,)``.
 
@@ -68,7 +80,7 @@ def measure(walk: Walk) -> dict[str, torch.Tensor]:
     half = len(place) // 2
     first, second = place[half] - place[0], place[-1] - place[half]
     found = {
-        "speed": distance / seconds,
+        "speed": speed(place, seconds),
         "distance": distance,
         "straightness": distance / path,
         "heading_drift": math.degrees(1) * _angle(first, second) / (seconds / 120),

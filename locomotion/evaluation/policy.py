@@ -2,29 +2,69 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from tensordict.nn import TensorDictModuleBase
-from torchrl.envs import TransformedEnv
+from torchrl.envs import EnvBase, TransformedEnv
 
+from locomotion.agents.architectures import Network
+from locomotion.agents.learners import Learner
 from locomotion.config import Config
 from locomotion.runs import RunError
 from locomotion.runs.checkpoints import Checkpoints, path_of
+from locomotion.runs.folder import read_passed
 from locomotion.training.build import make_learner
 
 
-def load_policy(run: Path, config: Config, env: TransformedEnv) -> TensorDictModuleBase:
+def require_parts(run: Path, parts: Iterable[str], given: Iterable[str] = ()) -> None:
+    """Raises a :class:`RunError` if a run was trained with parts of somebody's own that are not given.
+
+    Its folder has their names alone, so they cannot be made from it.
+
+    Args:
+        run: the run's folder.
+        parts: those that matter, among the arguments of :func:`locomotion.train`.
+        given: those that are there.
+    """
+    passed = read_passed(run)
+    needed = {*parts} - {*given}
+    missing = [part for part, name in passed.items() if name and part in needed]
+    if missing:
+        listed = ", ".join(f"{part}={passed[part]}" for part in missing)
+        raise RunError(
+            f"{run} was trained with {listed}, which its folder does not hold; from Python,"
+            f" locomotion.evaluation.make_walker takes {', '.join(missing)}"
+        )
+
+
+def load_policy(
+    run: Path,
+    config: Config,
+    env: TransformedEnv,
+    *,
+    in_keys: Sequence[str] | None = None,
+    network: Network | None = None,
+    learner: Callable[[EnvBase], Learner] | None = None,
+) -> TensorDictModuleBase:
     """The policy of a run's last checkpoint.
 
     Args:
         run: the run's folder.
         config: its configuration; the task may differ from what it was trained on.
         env: the environment in which it is to walk.
+        in_keys: as in training, if they were passed there.
+        network: likewise.
+        learner: likewise.
 
     Raises:
-        RunError: if there is no checkpoint that can be read, or its weights are not finite.
+        RunError: if there is no checkpoint that can be read, its weights are not finite, or the run was
+            trained with one of these and it is not passed.
     """
-    policy = make_learner(config, env).policy
+    given = {"in_keys": in_keys, "network": network, "learner": learner}
+    require_parts(run, given, (part for part, value in given.items() if value is not None))
+    made = make_learner(config, env, in_keys, network) if learner is None else learner(env)
+    policy = made.policy
     iteration = Checkpoints(run, policy=policy).load_latest()
     if not iteration:
         raise RunError(f"{run} holds no checkpoint yet")

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
 import torch
 from tensordict import TensorDictBase
-from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
+from torchrl.envs import EnvBase, ExplorationType, Transform, set_exploration_type
 
+from locomotion.agents.architectures import Network
+from locomotion.agents.learners import Learner
 from locomotion.config import Config
-from locomotion.evaluation.policy import load_policy
+from locomotion.evaluation.policy import load_policy, require_parts
 from locomotion.physics import Physics
-from locomotion.tasks.work import hinge_work
 from locomotion.training.build import make_env
 from locomotion.transforms import SensorNoise
 
@@ -123,30 +124,53 @@ class Walker:
         if not self._disturbances.push or self._steps % every != every // 2:
             return
         velocity = self.base_env.physics.qvel
-        turns = torch.rand(len(velocity), generator=self._pushes).to(velocity.device)
+        drawn = {"generator": self._pushes, "dtype": torch.float32, "device": "cpu"}
+        turns = torch.rand(len(velocity), **drawn).to(velocity.device)
         direction = 2 * math.pi * turns
         velocity[:, 0] += self._disturbances.push * direction.cos()
         velocity[:, 1] += self._disturbances.push * direction.sin()
 
 
-def make_walker(run: Path, config: Config, disturbances: Disturbances | None = None) -> Walker:
+def make_walker(
+    run: Path,
+    config: Config,
+    disturbances: Disturbances | None = None,
+    *,
+    env: EnvBase | None = None,
+    transforms: Sequence[Transform] | None = None,
+    in_keys: Sequence[str] | None = None,
+    network: Network | None = None,
+    learner: Callable[[EnvBase], Learner] | None = None,
+) -> Walker:
     """Robots with the policy of a run's last checkpoint.
+
+    Parts of one's own that were passed to :func:`locomotion.train` are passed here again.
 
     Args:
         run: the run's folder.
         config: the task that they walk in.
         disturbances: none by default.
+        env: a :class:`~locomotion.envs.LocomotionEnv` in place of the one that is described.
+        transforms: more transforms, after those that write the observations.
+        in_keys: the entries that the policy sees, in place of those of ``config.obs``.
+        network: an architecture in place of the one that is described.
+        learner: makes the learner for an environment, in place of the one that is described.
 
     Raises:
-        RunError: if the run holds no checkpoint that can be read.
+        RunError: if the run holds no checkpoint that can be read, or was trained with a part of
+            somebody's own that is not passed.
     """
     disturbances = disturbances or Disturbances()
+    around = {"env": env, "transforms": transforms}
+    require_parts(run, around, (part for part, value in around.items() if value is not None))
     torch.manual_seed(config.seed)
-    env = make_env(config)
-    policy = load_policy(run, config, env)
-    if disturbances.noise and "hinge_position" in env.observation_spec:
-        env.insert_transform(0, SensorNoise(disturbances.noise, ["hinge_position"]))
-    return Walker(env, policy, disturbances, config.seed)
+    environment = make_env(config, env, transforms or (), network)
+    policy = load_policy(
+        run, config, environment, in_keys=in_keys, network=network, learner=learner
+    )
+    if disturbances.noise and "hinge_position" in environment.observation_spec:
+        environment.insert_transform(0, SensorNoise(disturbances.noise, ["hinge_position"]))
+    return Walker(environment, policy, disturbances, config.seed)
 
 
 def walk(
@@ -205,9 +229,7 @@ class _Effort:
         self._joules, self._turned = 0.0, 0.0 * self._upright
 
     def add(self, physics: Physics) -> None:
-        before = physics.previous[:, 1 + physics.model.nq :]
-        force = physics.field("actuator_force").to(before.dtype)
-        self._joules = self._joules + hinge_work(physics.model, force, before, physics.qvel)
+        self._joules = self._joules + physics.hinge_work()
         up = upwards(physics.qpos[:, 3:7])
         upright = torch.where(up.abs() >= 0.5, up > 0, self._upright)
         self._turned = self._turned + (upright != self._upright)

@@ -9,9 +9,12 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-from collections.abc import Iterable
+import numbers
+import typing
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
 from omegaconf import MISSING
 
 
@@ -58,6 +61,28 @@ def limits(field: dataclasses.Field) -> list[str]:
     return [f"{word} {bound:g}" for word, bound in bounds if bound is not None]
 
 
+def fitted(kind: Any, value: Any) -> Any:
+    """A value with numbers of Python: numpy's become those, and 2.0 an integer where one is meant.
+
+    Args:
+        kind: the type that is wanted, such as ``int | None`` or a dataclass.
+        value: a number, or mappings and lists of them; anything else is returned as it is.
+    """
+    if dataclasses.is_dataclass(kind) and isinstance(value, Mapping):
+        kinds = typing.get_type_hints(kind)
+        return {name: fitted(kinds.get(name), part) for name, part in value.items()}
+    inner = typing.get_args(kind)
+    if isinstance(value, Mapping):
+        return {name: fitted(inner[-1] if inner else None, part) for name, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [fitted(inner[0] if inner else None, part) for part in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    wanted = {kind, *inner}
+    integral = isinstance(value, float) and value.is_integer()
+    return int(value) if integral and int in wanted and float not in wanted else value
+
+
 class Checked:
     """Checks every field against the range in its metadata when an instance is made.
 
@@ -75,7 +100,7 @@ class Checked:
                 self._check_range(field, number, value)
 
     def _check_range(self, field: dataclasses.Field, number: Any, value: Any) -> None:
-        if isinstance(number, bool) or not isinstance(number, (int, float)):
+        if isinstance(number, bool) or not isinstance(number, numbers.Real):
             return
         bounds = field.metadata
         inside = (

@@ -14,6 +14,8 @@ def described(schema: type, prefix: str = "") -> Iterator[tuple[str, dataclasses
     """The fields of a dataclass and of those in it, by their key in a configuration."""
     types = typing.get_type_hints(schema)
     for field in dataclasses.fields(schema):
+        if field.metadata.get("omegaconf_ignore"):
+            continue  # no key of its own
         if dataclasses.is_dataclass(types[field.name]):
             yield from described(types[field.name], f"{prefix}{field.name}.")
         else:

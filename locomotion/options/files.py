@@ -37,15 +37,15 @@ def read_choice(group: str, name: str) -> dict[str, Any]:
     return read_yaml(conf_dir() / group / f"{name}.yaml")
 
 
-def load_file(path: Path, schema: type[T]) -> T:
-    """Reads a YAML file into a dataclass.
+def load_file(path: Path, schema: type[T], **defaults: Any) -> T:
+    """Reads a YAML file into a dataclass, with these values where it has none.
 
     Raises:
         ConfigError: for a file that is missing or not YAML, an unknown key, or a value of the wrong
             type or range.
     """
     try:
-        return typed(schema, read_yaml(path))
+        return typed(schema, {**defaults, **read_yaml(path)})
     except ConfigError as error:
         raise error if str(path.name) in str(error) else ConfigError(f"{path}: {error}") from error
 
@@ -81,7 +81,7 @@ def explain_yaml(error: yaml.YAMLError, path: Path | None = None) -> str:
     file, line = path or Path(error.problem_mark.name), error.problem_mark.line + 1
     if "duplicate key" in str(error.problem) and file.is_file():
         keys = _duplicate_key(yaml.compose(file.read_text(encoding="utf-8")))
-        if keys and keys[0] == "body" and keys[-2] == "children":
+        if keys and keys[0] == "body" and keys[-2:-1] == ["children"]:
             module = "/".join(["core", *keys[2:-2:2]])
             return f"{file}, line {line}: {module}: two children on the face {keys[-1]!r}"
     return f"{file}, line {line}: {error.problem}"

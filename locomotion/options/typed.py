@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from omegaconf import OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
-from locomotion.options.checked import ConfigError, suggestion
+from locomotion.options.checked import ConfigError, fitted, suggestion
 from locomotion.options.registry import Registry
 
 T = TypeVar("T")
@@ -33,11 +33,12 @@ def typed(schema: type[T], *layers: Any, prefix: str | None = None) -> T:
             raise ConfigError(f"{where}={layer} must be keys and values")
     try:
         # Plain containers: a DictConfig could smuggle in keys that the schema does not have.
-        plain = [
+        plain = (
             OmegaConf.to_container(layer, resolve=True) if OmegaConf.is_config(layer) else layer
             for layer in layers
-        ]
-        merged = OmegaConf.merge(OmegaConf.structured(schema), *plain)
+        )
+        fitting = [fitted(schema, layer) for layer in plain]
+        merged = OmegaConf.unsafe_merge(OmegaConf.structured(schema), *fitting)  # of no one else
         missing = sorted(str(name) for name in OmegaConf.missing_keys(merged))
         if missing:
             raise ConfigError(f"{prefix}{missing[0]} is missing")

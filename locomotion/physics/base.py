@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import abc
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -10,21 +9,21 @@ import mujoco
 import torch
 
 from locomotion.options import ConfigError
+from locomotion.physics.backend import Backend
+from locomotion.physics.bounds import Bounds
 from locomotion.tasks.options import delay_for
-
-#: Bounds of a sound simulation, as no robot gets there by itself: the core's height (m), its mean speed
-#: along the ground (m/s), and any other position or velocity (SI units).
-CEILING = 10.0
-MOST_SPEED = 20.0
-MOST_STATE = 1000.0
+from locomotion.tasks.work import hinge_work
 
 
-class Physics(abc.ABC):
+class Physics(Backend):
     """Many copies of one model, each with its own state and, where asked for, its own parameters.
 
     The model's first joint is a free one, that of the robot's core; all others are hinges. Fields are
     named as in MuJoCo's ``MjData`` and ``MjModel``. A backend holds the states and advances them; what
     is sound, what is put back and how a long control step is divided stands here.
+
+    A copy that :func:`copy.deepcopy` or :mod:`pickle` makes has the states and the parameters of the
+    original. What :meth:`close` closed is opened again by :meth:`load_state_dict`.
 
     Args:
         model: the compiled model that all copies share.
@@ -35,98 +34,57 @@ class Physics(abc.ABC):
         model: as given.
         num_envs: as given.
         device: as given.
+        closed: whether it can no longer be stepped.
         previous: times, positions and velocities before the last :meth:`step`, or while it is watched
             before the last physics step, float64 of shape ``(num_envs, 1 + nq + nv)``.
     """
-
-    #: Physics steps that are taken, and checked, at a time.
-    MOST_STEPS: int
 
     def __init__(self, model: mujoco.MjModel, num_envs: int, device: torch.device) -> None:
         _require_walker(model)
         self.model = model
         self.num_envs = num_envs
         self.device = device
+        self.closed = False
         columns = 1 + model.nq + model.nv
-        # A state is compared with where it should be: time and place are known, the rest is around 0.
-        self._known = torch.zeros(columns, dtype=torch.float64, device=device)
-        self._known[:3] = 1.0
-        self._steps_bounds: dict[int, tuple[torch.Tensor, torch.Tensor]] = {}
+        self._bounds = Bounds(columns, model.opt.timestep, device)
         self._parameters: dict[str, torch.Tensor] = {}
+        self._shared: dict[str, torch.Tensor] = {}
         self.previous = torch.zeros(num_envs, columns, dtype=torch.float64, device=device)
 
-    # What a backend provides.
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.num_envs} on {self.device}{', closed' * self.closed})"
 
-    @property
-    @abc.abstractmethod
-    def motion(self) -> torch.Tensor:
-        """Times (s), positions and velocities, float64 of shape ``(num_envs, 1 + nq + nv)``.
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "arguments": self._arguments(),
+            "state": None if self.closed else self.state_dict(),
+            "motion": self.motion.clone(),
+            "control": self.control.clone(),
+            "fields": {name: value.clone() for name, value in self._fields.items()},
+            "previous": self.previous.clone(),
+        }
 
-        A view: it changes with the next :meth:`step` or :meth:`reset`, and what is written to it is
-        where the next step begins. Places on the ground are the true ones, however far away.
-        """
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self.__init__(*state["arguments"])
+        for name in state["fields"]:
+            self.field(name)
+        if state["state"] is not None:
+            self.load_state_dict(state["state"])
+        # Those of the last physics step, which are not those of the state that it led to.
+        for name, value in state["fields"].items():
+            self.field(name).copy_(value)
+        self.previous.copy_(state["previous"])
+        if state["state"] is None:
+            self.motion.copy_(state["motion"])
+            self.control.copy_(state["control"])
+            self.close()
 
-    @property
-    @abc.abstractmethod
-    def control(self) -> torch.Tensor:
-        """Hinge targets (rad) that were last given, shape ``(num_envs, nu)``; a view."""
-
-    @abc.abstractmethod
-    def field(self, name: str) -> torch.Tensor:
-        """A field of ``MjData``, a row a copy; a view that each step renews.
-
-        Derived fields are those of the last physics step; one that is asked for the first time is
-        computed of the states as they are, and from then on in every step.
-        """
-
-    @abc.abstractmethod
-    def set_const(self) -> None:
-        """Computes anew the constants that depend on parameters which were written."""
-
-    @abc.abstractmethod
-    def forward(self, where: torch.Tensor | None = None) -> None:
-        """Computes the derived fields that were asked for, of states that were written.
-
-        Args:
-            where: of which copies, bool of shape ``(num_envs,)``; ``None`` means all.
-        """
-
-    @abc.abstractmethod
-    def state_dict(self) -> dict[str, Any]:
-        """The integration state of all copies and their own parameters; tensors of their own."""
-
-    @abc.abstractmethod
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Puts all copies into a state from :meth:`state_dict`."""
-
-    @abc.abstractmethod
-    def close(self) -> None:
-        """Ends threads and frees what stepping takes; positions and velocities can still be read."""
-
-    @property
-    @abc.abstractmethod
-    def _history(self) -> torch.Tensor | None:
-        """Targets that are under way, a row a copy; ``None`` for a model without latency."""
-
-    @abc.abstractmethod
-    def _expand(self, name: str) -> torch.Tensor:
-        """Gives a field of ``MjModel`` a value for each copy."""
-
-    @abc.abstractmethod
-    def _reset(self, where: torch.Tensor | None) -> None:
-        """Puts copies back to the model's initial state."""
-
-    @abc.abstractmethod
-    def _advance(self, num_steps: int, where: torch.Tensor | None) -> None:
-        """Takes at most :attr:`MOST_STEPS` physics steps.
-
-        A copy whose state is given up shows it by a time that is behind.
-        """
-
-    def _cleanse(self, wrong: torch.Tensor) -> None:
-        """Removes what copies that went wrong would leave for the next step, apart from their state."""
-
-    # What is the same for all of them.
+    def _require_open(self) -> None:
+        if self.closed:
+            raise RuntimeError(
+                "the environment was closed, as TorchRL's ParallelEnv does with one that a function did"
+                " not make anew: make a new one, or open it again by load_state_dict()"
+            )
 
     @property
     def qpos(self) -> torch.Tensor:
@@ -143,15 +101,39 @@ class Physics(abc.ABC):
 
         :meth:`set_const` must follow where other constants depend on the field, as for masses.
         """
+        self._require_open()
         if name not in self._parameters:
             self._parameters[name] = self._expand(name)
         return self._parameters[name]
+
+    def parameter(self, name: str) -> torch.Tensor:
+        """A field of ``MjModel``, to be read: a row for each copy that has its own, else one for all."""
+        if name in self._parameters:
+            return self._parameters[name]
+        return self._shared_field(name)
+
+    def _shared_field(self, name: str) -> torch.Tensor:
+        if name not in self._shared:
+            value = torch.as_tensor(getattr(self.model, name), device=self.device)
+            self._shared[name] = value[None]
+        return self._shared[name]
+
+    def hinge_work(self) -> torch.Tensor:
+        """Work of all hinges of each copy in the physics step that is being watched (J).
+
+        Without regard to sign, as :func:`locomotion.tasks.work.hinge_work` has it; shape
+        ``(num_envs,)``. Only whoever watches :meth:`step` can ask, and has asked for the field
+        ``actuator_force`` before.
+        """
+        before = self.previous[:, 1 + self.model.nq :]
+        force = self.field("actuator_force").to(before.dtype)
+        return hinge_work(self.parameter, self.model.opt.timestep, force, before, self.qvel)
 
     def _load_parameters(self, values: Mapping[str, torch.Tensor]) -> None:
         for name in values:
             self.expand(name)
         for name, own in self._parameters.items():
-            value = values[name] if name in values else torch.as_tensor(getattr(self.model, name))
+            value = values[name] if name in values else self._shared_field(name)
             own.copy_(value.reshape(-1, *own.shape[1:]))
 
     def reset(self, where: torch.Tensor | None = None) -> None:
@@ -160,6 +142,7 @@ class Physics(abc.ABC):
         Args:
             where: which copies, bool of shape ``(num_envs,)``; ``None`` means all.
         """
+        self._require_open()
         self._reset(where)
 
     def step(
@@ -189,7 +172,10 @@ class Physics(abc.ABC):
 
         Raises:
             ConfigError: if the configuration left too little room for the contacts that there were.
+            ValueError: for a control of another shape or of other numbers.
         """
+        self._require_open()
+        self._require_control(control)
         if num_steps == 0 or (where is not None and not where.any()):
             return None
         start, given = self.motion.clone(), self.control
@@ -201,7 +187,7 @@ class Physics(abc.ABC):
         for done in range(0, num_steps, at_once):
             steps = min(at_once, num_steps - done)
             self._advance(steps, moving)
-            wrong |= self._beyond(before, self.motion, steps)
+            wrong |= self._bounds.beyond(before, self.motion, steps)
             last = done + steps == num_steps
             if last or watch is not None:
                 if where is not None:
@@ -218,28 +204,22 @@ class Physics(abc.ABC):
         self.previous = start
         return wrong if any_wrong else None
 
+    def _require_control(self, control: torch.Tensor) -> None:
+        shape = (self.num_envs, self.model.nu)
+        if control.shape != shape or not control.is_floating_point():
+            raise ValueError(
+                f"an action is the hinges' targets (rad), floating-point numbers of shape {shape},"
+                f" robots and hinges; got {control.dtype} of shape {tuple(control.shape)}"
+            )
+
     def _any(self, wrong: torch.Tensor) -> bool:
         """Whether a copy went wrong; the only place where the host waits for a device."""
         return bool(wrong.any())
 
-    def _beyond(self, start: torch.Tensor, end: torch.Tensor, steps: int) -> torch.Tensor:
-        if steps not in self._steps_bounds:
-            timestep = self.model.opt.timestep
-            bound = torch.full_like(self._known, MOST_STATE)
-            bound[0] = timestep / 2
-            bound[1:3] = MOST_SPEED * steps * timestep
-            bound[3] = CEILING
-            ahead = torch.zeros_like(self._known)
-            ahead[0] = steps * timestep
-            self._steps_bounds[steps] = ahead, bound
-        ahead, bound = self._steps_bounds[steps]
-        off = torch.addcmul(ahead, start, self._known).sub_(end).abs_()
-        return (off <= bound).all(1).logical_not_()  # in this form, so that nan is beyond
-
     def _put_back(
         self, start: torch.Tensor, history: torch.Tensor | None, wrong: torch.Tensor
     ) -> None:
-        lost = ~start[:, :3].isfinite().all(1) | self._beyond(start, start, 0)
+        lost = ~start[:, :3].isfinite().all(1) | self._bounds.beyond(start, start, 0)
         self.motion[wrong] = start[wrong]
         self.control[wrong] = self.control[wrong].nan_to_num(0.0, 0.0, 0.0)
         if history is not None:
@@ -258,7 +238,7 @@ class Physics(abc.ABC):
         Raises:
             ConfigError: if a latency is longer than the one that the model was compiled with.
         """
-        latency = torch.as_tensor(latency, dtype=torch.float64)
+        latency = torch.as_tensor(latency, dtype=torch.float64, device=self.device)
         least, most = latency.min().item(), latency.max().item()
         timestep = self.model.opt.timestep
         room = max(0, self.model.actuator_history[:, 0].min() - 1) * timestep

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import ctypes
 import os
 import warnings
+import weakref
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,7 +22,9 @@ _NO_STAGE = int(mujoco.mjtStage.mjSTAGE_NONE)
 class BatchPhysics(Physics):
     """Steps all copies with ``mujoco.batch``: one call a control step, shared out over threads.
 
-    Results do not depend on the number of threads.
+    Results do not depend on the number of threads. A process that is forked has the memory of all
+    copies, but not the threads that step them. The first call there makes both anew, with the states and
+    parameters that copies have; tensors that were views before the fork are none of the new memory.
 
     Args:
         model: the compiled model.
@@ -32,18 +36,41 @@ class BatchPhysics(Physics):
 
     def __init__(self, model: mujoco.MjModel, num_envs: int, threads: int | None = None) -> None:
         super().__init__(model, num_envs, torch.device("cpu"))
+        self._threads = threads
+        self._make()
+        self.reset()
+
+    def _arguments(self) -> tuple[Any, ...]:
+        return self.model, self.num_envs, self._threads
+
+    def _make(self) -> None:
         # A robot that went wrong is seen by its state, which MuJoCo would otherwise make a sound one of.
-        own = copy.copy(model)
+        own = copy.copy(self.model)
         own.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        self._batch = Batch(own, num_envs, threads or _usable_cores())
+        self._batch = Batch(own, self.num_envs, self._threads or _usable_cores())
+        self._forks = _forks
+        _memories.add(self._batch.state.base)
         self._state = torch.from_numpy(self._batch.state)
-        self._motion = self._state[:, : 1 + model.nq + model.nv]
+        self._motion = self._state[:, : 1 + own.nq + own.nv]
         self._control = self._view(self._batch.bind("ctrl"))
         self._fields = {"qpos": self.qpos, "qvel": self.qvel}
-        self._under_way = self._view(self._batch.bind("history")) if model.nhistory else None
+        self._under_way = self._view(self._batch.bind("history")) if own.nhistory else None
         self._derives = False
         self._own_constants = False
-        self.reset()
+
+    def _require_open(self) -> None:
+        super()._require_open()
+        self._require_threads()
+
+    def _require_threads(self) -> None:
+        if self._forks != _forks and not self.closed:
+            self._forks = _forks
+            self.__setstate__(self.__getstate__())
+
+    @property
+    def _simulations(self) -> Batch:
+        self._require_open()
+        return self._batch
 
     @staticmethod
     def _view(array: Any) -> torch.Tensor:
@@ -53,15 +80,18 @@ class BatchPhysics(Physics):
 
     @property
     def motion(self) -> torch.Tensor:
+        self._require_threads()
         return self._motion
 
     @property
     def control(self) -> torch.Tensor:
+        self._require_threads()
         return self._control
 
     def field(self, name: str) -> torch.Tensor:
+        self._require_threads()
         if name not in self._fields:
-            array = self._batch.bind(name)
+            array = self._simulations.bind(name)
             self._derives |= not array.flags.writeable
             self._fields[name] = self._view(array)
             self.forward()
@@ -72,26 +102,28 @@ class BatchPhysics(Physics):
         return self._under_way
 
     def _expand(self, name: str) -> torch.Tensor:
-        return self._view(self._batch.expand(name))
+        return self._view(self._simulations.expand(name))
 
     def set_const(self) -> None:
-        self._batch.set_const()
+        self._simulations.set_const()
         self._own_constants = True
 
     def forward(self, where: torch.Tensor | None = None) -> None:
+        simulations = self._simulations
         if self._derives:
-            self._batch.forward(None if where is None else where.numpy())
+            simulations.forward(None if where is None else where.numpy())
 
     def _reset(self, where: torch.Tensor | None) -> None:
-        self._batch.reset(None if where is None else where.numpy(), stage=_NO_STAGE)
+        self._simulations.reset(None if where is None else where.numpy(), stage=_NO_STAGE)
 
     def _advance(self, num_steps: int, where: torch.Tensor | None) -> None:
         try:
-            self._batch.step(None if where is None else where.numpy(), num_steps)
+            self._simulations.step(None if where is None else where.numpy(), num_steps)
         except SimulationError:
             pass  # these kept the state, and so the time, that they had
 
     def state_dict(self) -> dict[str, Any]:
+        self._require_open()
         return {
             "state": self._state.clone(),
             "parameters": {name: value.clone() for name, value in self._parameters.items()},
@@ -99,6 +131,13 @@ class BatchPhysics(Physics):
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        if self.closed:
+            asked_for = list(self._fields)
+            self.closed = False
+            self._make()
+            for name in asked_for:
+                self.field(name)
+        self._require_threads()
         self._load_parameters(state["parameters"])
         if self._own_constants or state["own_constants"]:
             self.set_const()
@@ -106,11 +145,31 @@ class BatchPhysics(Physics):
         self.forward()
 
     def close(self) -> None:
-        if self._batch is not None:
+        if not self.closed:
             self._motion, self._control = self._motion.clone(), self._control.clone()
-            self._fields, self._parameters = {"qpos": self.qpos, "qvel": self.qvel}, {}
+            self._fields = {name: value.clone() for name, value in self._fields.items()}
+            self._parameters = {}
             self._state = self._under_way = None
             self._batch = None
+            self.closed = True
+
+
+#: MuJoCo's memory of all batches that there are, which ends their threads when it is freed.
+_memories: weakref.WeakSet[Any] = weakref.WeakSet()
+#: How often this process, from its first ancestor on, was forked.
+_forks = 0
+
+
+def _after_fork() -> None:
+    """Keeps MuJoCo from waiting for ever for threads that the new process does not have."""
+    global _forks
+    _forks += 1
+    for memory in list(_memories):
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(memory))  # it is never freed
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 def _usable_cores() -> int:

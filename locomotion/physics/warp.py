@@ -88,6 +88,9 @@ class WarpPhysics(Physics):
         self._overflow.zero_()
         self.reset()
 
+    def _arguments(self) -> tuple[Any, ...]:
+        return self.model, self.num_envs, str(self.device), self.contacts
+
     @property
     def motion(self) -> torch.Tensor:
         return self._motion
@@ -102,6 +105,7 @@ class WarpPhysics(Physics):
         if name in ("qpos", "qvel"):
             return getattr(self, name)
         if name not in self._fields:
+            self._require_open()
             self._fields[name] = wp.to_torch(getattr(self._data, name))
             self.forward()
         return self._fields[name]
@@ -119,6 +123,7 @@ class WarpPhysics(Physics):
         return wp.to_torch(own)
 
     def set_const(self) -> None:
+        self._require_open()
         # Constants that depend on others have a value for each copy too.
         for name in ("body_subtreemass", "body_invweight0", "dof_invweight0", "actuator_acc0"):
             self.expand(name)
@@ -129,6 +134,7 @@ class WarpPhysics(Physics):
             mjw.set_const(self._model, self._data)
 
     def forward(self, where: torch.Tensor | None = None) -> None:
+        self._require_open()
         if self._fields:
             with self._keeping(where):
                 self._load()
@@ -150,9 +156,8 @@ class WarpPhysics(Physics):
     def _reset(self, where: torch.Tensor | None) -> None:
         rows = slice(None) if where is None else where
         self._motion[rows] = 0.0
-        self._motion[rows, 1 : 1 + self.model.nq] = torch.as_tensor(
-            self.model.qpos0, device=self.device
-        )
+        initial = self.parameter("qpos0").to(self._motion).expand(self.num_envs, -1)
+        self._motion[rows, 1 : 1 + self.model.nq] = initial[rows]
         self._control[rows] = 0.0
         if self._under_way is not None:
             chosen = None if where is None else wp.from_torch(where.contiguous())
@@ -207,6 +212,7 @@ class WarpPhysics(Physics):
             wp.to_torch(left_over)[wrong] = 0.0
 
     def state_dict(self) -> dict[str, Any]:
+        self._require_open()
         under_way = {} if self._under_way is None else {"history": self._under_way.clone()}
         return {
             "motion": self._motion.clone(),
@@ -216,6 +222,7 @@ class WarpPhysics(Physics):
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self.closed = False
         self._load_parameters(state["parameters"])
         self._motion.copy_(state["motion"])
         self._control.copy_(state["control"])
@@ -225,6 +232,7 @@ class WarpPhysics(Physics):
 
     def close(self) -> None:
         self._graphs.clear()
+        self.closed = True
 
 
 def _warp_device(device: str) -> wp.Device:

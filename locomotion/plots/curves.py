@@ -45,18 +45,26 @@ class Curve:
         return f"{self.robot}, {self.observations}, seed {self.seed}"
 
 
-def find_runs(place: Path) -> list[Path]:
-    """The runs in a folder: itself if it is one, or all below it.
+def find_runs(places: Sequence[Path]) -> list[Path]:
+    """The runs in some places, each itself a run or a folder with runs anywhere below it.
+
+    What holds no run is left out if something else does: a pattern such as ``SWEEP/*`` also matches
+    what Hydra and its launchers write next to runs.
 
     Raises:
-        RunError: if there is none.
+        RunError: if none holds a run, or one is not there.
     """
-    if (place / "metrics.csv").is_file():
-        return [place]
-    runs = sorted(path.parent for path in place.rglob("metrics.csv"))
-    if not runs:
-        raise RunError(f"{place} holds no metrics.csv, so it is not a run's folder")
-    return runs
+    found = {
+        place: [place]
+        if (place / "metrics.csv").is_file()
+        else sorted(path.parent for path in place.rglob("metrics.csv"))
+        for place in places
+    }
+    for place in places:
+        if not place.exists() or not any(found.values()):
+            what = "is a file" if place.is_file() else "holds no metrics.csv"
+            raise RunError(f"{place} {what}, so it is not a run's folder")
+    return list({run.resolve(): run for runs in found.values() for run in runs}.values())
 
 
 def has_rows(run: Path) -> bool:
@@ -115,12 +123,11 @@ def read_sweep(places: Sequence[Path]) -> list[Curve]:
         RunError: if there is none, two are of the same seed, or two differ in more than robot,
             observations and seed, so that they do not compare.
     """
-    runs = {run.resolve(): run for place in places for run in find_runs(place)}
     curves: dict[str, Curve] = {}
     origins: dict[str, Path] = {}
     free = free_keys()
     settings: dict[tuple[str, str], tuple[Path, object]] = {}
-    for run in runs.values():
+    for run in find_runs(places):
         if not has_rows(run):
             continue
         curve = read_run(run)

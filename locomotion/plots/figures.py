@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 
 from locomotion.plots.curves import Curve, read_metrics
 from locomotion.plots.observations import observations_label
@@ -147,8 +149,12 @@ def save(figure: Figure, target: Path) -> None:
         raise RunError(
             f"{target}: not the ending of a picture; choose from {', '.join(sorted(formats))}"
         )
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)  # names of folders may have dollars
     try:
-        with replacing(target) as partial:
+        with replacing(target) as partial, warnings.catch_warnings():
+            # Of alphabets that the font has not; the others can be read.
+            warnings.filterwarnings("ignore", "Glyph .* missing from font")
             figure.savefig(partial, dpi=120)
     except OSError as error:
         raise RunError(f"{target}: {error.strerror}") from error

@@ -8,8 +8,9 @@ from collections.abc import Callable
 
 import mujoco
 import numpy as np
+import torch
 
-from locomotion.evaluation import Walker, measure, walk
+from locomotion.evaluation import Walker, measure, speed, walk
 from locomotion.physics import Physics
 
 
@@ -25,6 +26,7 @@ class Motion:
         control_step: number of the control step at each picture.
         seconds: how long the robot walked.
         distance: from its start to its end (m), nan if the simulation diverged.
+        speed: distance over that time (m/s), as ``evaluate`` measures it.
     """
 
     model: mujoco.MjModel
@@ -33,21 +35,17 @@ class Motion:
     control_step: np.ndarray
     seconds: float
     distance: float
+    speed: float
 
     @property
     def place(self) -> np.ndarray:
         """Where the core is on the ground at each picture (m), shape ``(pictures, 2)``."""
         return self.qpos[:, :2]
 
-    @property
-    def speed(self) -> float:
-        """Distance from start to end over the time between (m/s), as ``evaluate`` measures it."""
-        return self.distance / self.seconds
-
     def speed_at(self, picture: int) -> float:
-        """Distance from the start over the time since then (m/s), as far as a picture."""
-        way = self.place[picture] - self.place[0]
-        return float(np.linalg.norm(way)) * self.fps / max(picture, 1)
+        """The speed of the walk as far as a picture (m/s)."""
+        place = torch.from_numpy(self.place[: picture + 1, None])
+        return speed(place, max(picture, 1) / self.fps).item()
 
     def follow(self, picture: int) -> np.ndarray:
         """Where a camera looks that follows the core without shaking, on the ground (m)."""
@@ -81,6 +79,7 @@ def record_motion(
 
     with env.after_substep(note):
         walked = walk(walker, seconds, sampled, progress=progress)
+    measured = {name: values[0].item() for name, values in measure(walked).items()}
     rate = 1 / env.model.opt.timestep
     fps = min(fps, rate)
     pictures = max(1, math.floor(fps * (len(moments) - 1) / rate + 1e-9))
@@ -91,5 +90,6 @@ def record_motion(
         qpos=np.stack(moments)[chosen],
         control_step=np.floor(chosen / rate / walker.period + 1e-9).astype(int),
         seconds=walker.period * (len(walked.position) - 1),
-        distance=measure(walked)["distance"][0].item(),
+        distance=measured["distance"],
+        speed=measured["speed"],
     )

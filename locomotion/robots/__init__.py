@@ -6,7 +6,14 @@ The entities are loaded when they are first asked for, as dm-control takes a sec
 from importlib import import_module
 from typing import Any
 
-from locomotion.robots.body import BodyError, Module, RobotConfig, load_robot, parse_body
+from locomotion.robots.body import (
+    BodyError,
+    Module,
+    RobotConfig,
+    load_robot,
+    parse_body,
+    refuse_sexagesimal,
+)
 
 _ENTITIES = {
     "ActiveHinge": "locomotion.robots.modules",
@@ -25,6 +32,7 @@ __all__ = [
     "RobotConfig",
     "load_robot",
     "parse_body",
+    "refuse_sexagesimal",
 ]
 
 

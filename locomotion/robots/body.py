@@ -15,11 +15,14 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import numbers
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from locomotion.options import Checked, ConfigError, key, load_file, read_choice, typed
 from locomotion.robots.geometry import GEOMETRY, Box
@@ -62,8 +65,19 @@ def load_robot(robot: str | Path | RobotConfig | Mapping[str, Any]) -> RobotConf
     if isinstance(robot, Mapping):
         return typed(RobotConfig, dict(robot))
     if isinstance(robot, Path) or robot.endswith((".yaml", ".yml")):
-        return load_file(Path(robot), RobotConfig)
+        loaded = load_file(Path(robot), RobotConfig, name=Path(robot).stem)
+        refuse_sexagesimal(Path(robot))
+        return loaded
     return typed(RobotConfig, read_choice("robot", robot))
+
+
+def refuse_sexagesimal(path: Path) -> None:
+    """Raises a :class:`ConfigError` for a number such as ``1:30`` in a YAML file, which is read as 90."""
+    for event in yaml.parse(path.read_text(encoding="utf-8")):
+        plain = isinstance(event, yaml.ScalarEvent) and event.style is None
+        if plain and re.fullmatch(r"[-+]?[1-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?", event.value):
+            line = event.start_mark.line + 1
+            raise ConfigError(f"{path}, line {line}: {event.value} is a number in base 60 to YAML")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,7 +168,7 @@ def _parse_module(tree: Any, path: str) -> Module:
 
 
 def _parse_rotation(rotation: Any, path: str) -> int:
-    is_number = isinstance(rotation, (int, float)) and not isinstance(rotation, bool)
+    is_number = isinstance(rotation, numbers.Real) and not isinstance(rotation, (bool, np.bool_))
     if not is_number or rotation % 90 != 0:
         raise BodyError(
             f"{path}: rotation {rotation!r} is not a quarter turn; use 0, 90, 180 or 270"

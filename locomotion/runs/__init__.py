@@ -12,6 +12,7 @@ from locomotion.runs.folder import (
     read_record,
     record,
     require_writable,
+    typed_record,
 )
 
 __all__ = [
@@ -23,4 +24,5 @@ __all__ = [
     "read_record",
     "record",
     "require_writable",
+    "typed_record",
 ]

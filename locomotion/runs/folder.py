@@ -6,15 +6,15 @@ Nothing here imports anything heavy, so that a whole sweep is checked before tor
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from locomotion.config import Config, as_dict, free_keys
+from locomotion.config import Config, as_dict, free_keys, typed_config
 from locomotion.options import flat
 from locomotion.writing import replacing
 
@@ -30,7 +30,10 @@ class RunStopped(RuntimeError):
 def require_writable(folder: Path) -> None:
     """Raises a :class:`RunError` if nothing can be written to a folder, which need not exist yet."""
     try:
-        there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        paths = (folder, *folder.absolute().parents)
+        there = next(path for path in paths if path.exists() or path.is_symlink())
+        if not there.exists():
+            raise RunError(f"{folder} cannot be written: {there} is a link that leads nowhere")
         with tempfile.TemporaryFile(dir=there):
             pass
     except OSError as error:
@@ -85,6 +88,30 @@ def read_record(folder: Path) -> dict[str, Any]:
         RunError: if there is none, or it cannot be read.
     """
     return dict(flat(read_config(folder)))
+
+
+def typed_record(
+    saved: Mapping[str, Any],
+    change: Callable[[DictConfig], object] = lambda content: None,
+    learning: bool = False,
+) -> Config:
+    """A run from the configuration it was started with, which may be a stranger's.
+
+    Its plugins are not imported. Without learning, what the run was shown in need not be installed.
+
+    Args:
+        saved: plain values, as :func:`read_config` returns them.
+        change: changes the values in place before they are typed.
+        learning: whether something is to be learned.
+
+    Raises:
+        ConfigError: for a run of another version, or a change that cannot be used.
+    """
+    content = OmegaConf.create({**saved, "plugins": []})
+    if not learning:
+        content.logger = {}
+    change(content)
+    return typed_config(content, learning)
 
 
 def read_passed(folder: Path) -> dict[str, Any]:

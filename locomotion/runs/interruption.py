@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import threading
@@ -40,5 +41,7 @@ class WishToStop:
         if self.came:
             raise KeyboardInterrupt
         self.came = True
-        # Not with print, which may be in the middle of writing something else.
-        os.write(2, b"\nstopping after this iteration; once more stops at once\n")
+        # Not with print, which may be in the middle of writing something else. Nobody may read it:
+        # Ctrl-C ends what a pipe leads to, too.
+        with contextlib.suppress(OSError):
+            os.write(2, b"\nstopping after this iteration; once more stops at once\n")

@@ -17,10 +17,12 @@ from tqdm import tqdm
 
 from locomotion.agents.learners import Learner
 from locomotion.config import Config
+from locomotion.options.paths import quoted
 from locomotion.runs.checkpoints import Checkpoints, saved
 from locomotion.runs.folder import RunStopped
 from locomotion.runs.loggers import open_logger
 from locomotion.runs.metrics import MetricsWriter, save_divergences
+from locomotion.writing import remove_partial
 
 
 class Recorder:
@@ -52,6 +54,8 @@ class Recorder:
             random=GlobalRNGState(),
         )
         self._checkpoints.remove_partial()
+        for place in (folder, folder / ".hydra"):
+            remove_partial(place)
         self.completed = self._checkpoints.load_latest()
         self._take_divergences()  # of robots that the checkpoint replaced
         self._metrics = MetricsWriter(folder, self.completed)
@@ -141,7 +145,7 @@ class Recorder:
     def _film(self) -> None:
         """Films the trained policy for a logger; where nothing can be drawn it says so.
 
-        In a process of its own, as drawing depends on what MuJoCo is told before it is imported.
+        In a process of its own, as a graphics driver may crash and would take the run with it.
         """
         film = self._folder / f"gait{self._logger.film_ending}"
         options = [
@@ -151,11 +155,11 @@ class Recorder:
             "fps=10",
         ]
         places = (("run", self._folder), ("output", film))
-        options += [f"{key}={json.dumps(str(path))}" for key, path in places]
+        options += [f"{key}={quoted(path)}" for key, path in places]
         if self._config.plugins:
-            options.append(f"+plugins={json.dumps(self._config.plugins)}")
+            options.append(f"+plugins={json.dumps(self._config.plugins, ensure_ascii=False)}")
         command = [sys.executable, "-m", "locomotion.watch", *options]
-        watched = subprocess.run(command, capture_output=True, text=True)
+        watched = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
         if watched.returncode == 0:
             self._logger.log_film(film, self.completed * self._frames)
         else:

@@ -85,7 +85,7 @@ def substeps(control_frequency: float, timestep: float) -> int:
     asked += f" (env.control_frequency={control_frequency})"
     if round(exact) < 1 or abs(exact - round(exact)) > 1e-6 * exact:
         fits = period / max(1, round(exact))
-        raise ConfigError(f"{asked}; {fits:.6g} does")
+        raise ConfigError(f"{asked}; {fits:.9g} does")
     if round(exact) > 1_000_000:
         raise ConfigError(
             f"physics.timestep={timestep} must be at least a millionth of the control period of"

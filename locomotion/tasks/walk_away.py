@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import operator
+import pickle
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -49,7 +52,13 @@ class WalkAway(composer.Task):
             Robots that are stepped together may each have a shorter one, through
             :meth:`Physics.set_latency() <locomotion.physics.Physics.set_latency>`.
         clock_frequency: of the reading ``phase_clock`` (Hz).
+
+    Attributes:
+        made_by: makes a task like this one anew, as :func:`~locomotion.envs.make_task` sets it; a task
+            without it can neither be copied nor sent to another process.
     """
+
+    made_by: Callable[[], WalkAway] | None = None
 
     def __init__(
         self,
@@ -95,7 +104,7 @@ class WalkAway(composer.Task):
             weakref.WeakKeyDictionary()
         )
         self._observables: dict[str, observable.Observable] = {}
-        self._start = torch.zeros(1, 2, dtype=torch.float64)
+        self._start = torch.zeros(1, 2, dtype=torch.float64, device="cpu")
         self._work: torch.Tensor | None = None
         self._felt: np.ndarray | None = None
 
@@ -137,6 +146,21 @@ class WalkAway(composer.Task):
                         data="found",
                         num=1,
                     )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # dm-control's entities hold weak references to one another, which cannot be copied.
+        if self.made_by is None:
+            raise pickle.PicklingError(
+                "a task that make_task() did not make cannot be copied or sent to another process; make"
+                " task and environment there, or give the task made_by, a function that makes it"
+            )
+        if _model_of(self.made_by()) != _model_of(self):
+            raise pickle.PicklingError(
+                "a task whose robot or arena was changed after it was made cannot be copied or sent to"
+                " another process; make task and environment there"
+            )
+        kept = ("made_by", "rewards", "settle_time", "target_limit", "clock_frequency")
+        return operator.call, (self.made_by,), {name: getattr(self, name) for name in kept}
 
     @property
     def root_entity(self) -> composer.Arena:
@@ -182,7 +206,7 @@ class WalkAway(composer.Task):
 
     def _make_touch_map(self, model: mujoco.MjModel) -> torch.Tensor:
         paths = {path.replace("/", ":"): i for i, path in enumerate(self.robot.modules)}
-        table = torch.zeros(model.nsensordata, len(paths), dtype=torch.float64)
+        table = torch.zeros(model.nsensordata, len(paths), dtype=torch.float64, device="cpu")
         for sensor in range(model.nsensor):
             name = model.sensor(sensor).name
             if name.startswith(_CONTACT):
@@ -196,7 +220,7 @@ class WalkAway(composer.Task):
         def field(name: str) -> torch.Tensor:
             felt = name == "sensordata" and self._felt is not None
             value = self._felt if felt else getattr(physics.data, name)
-            return torch.tensor(np.asarray(value), dtype=torch.float64)[None]
+            return torch.tensor(np.asarray(value), dtype=torch.float64, device="cpu")[None]
 
         return RobotState(self, physics.model.ptr, field, self._start, self._work)
 
@@ -215,7 +239,7 @@ class WalkAway(composer.Task):
         for _ in range(self.settle_steps):
             self._feel(physics)
             physics.step()
-        self._start = torch.tensor(physics.data.qpos[None, :2].copy())
+        self._start = torch.from_numpy(physics.data.qpos[None, :2].copy())
         self._reward = 0.0
 
     def before_step(
@@ -227,7 +251,7 @@ class WalkAway(composer.Task):
         field = self.state(physics).field
         parts = {name: field(name) for name in ("time", "qpos", "qvel")}
         self._before = RobotState(self, physics.model.ptr, parts.__getitem__, self._start)
-        self._work = torch.zeros(1, dtype=torch.float64) if self.needs_work else None
+        self._work = torch.zeros_like(self._start[:, 0]) if self.needs_work else None
         self._speeds = parts["qvel"]
 
     def before_substep(
@@ -241,9 +265,16 @@ class WalkAway(composer.Task):
 
     def after_substep(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         if self._work is not None:
-            speeds = torch.tensor(physics.data.qvel[None].copy())
-            force = torch.tensor(physics.data.actuator_force[None].copy())
-            self._work += hinge_work(physics.model.ptr, force, self._speeds, speeds)
+            speeds = torch.from_numpy(physics.data.qvel[None].copy())
+            force = torch.from_numpy(physics.data.actuator_force[None].copy())
+            model = physics.model.ptr
+            self._work += hinge_work(
+                lambda name: torch.from_numpy(getattr(model, name))[None],
+                model.opt.timestep,
+                force,
+                self._speeds,
+                speeds,
+            )
             self._speeds = speeds
 
     def after_step(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
@@ -252,6 +283,10 @@ class WalkAway(composer.Task):
     def get_reward(self, physics: mjcf.Physics) -> float:
         """The reward of the last control step."""
         return self._reward
+
+
+def _model_of(task: WalkAway) -> str:
+    return task.root_entity.mjcf_model.to_xml_string()
 
 
 def _is_plain(arena: composer.Arena) -> bool:

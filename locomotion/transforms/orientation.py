@@ -7,12 +7,11 @@ from collections.abc import Callable, Sequence
 import torch
 from tensordict.utils import NestedKey
 from torchrl.data import TensorSpec, Unbounded
-from torchrl.envs import ObservationTransform
 
-from locomotion.transforms.keys import entry, pairs_of_keys
+from locomotion.transforms.keys import EntryTransform, pairs_of_keys, require_floating, vector
 
 
-class IncludeOrientation(ObservationTransform):
+class IncludeOrientation(EntryTransform):
     """Writes an orientation, read from a unit quaternion, as an entry of its own.
 
     With ``R`` the rotation matrix from the body's frame to the world's, the entry is
@@ -35,15 +34,17 @@ class IncludeOrientation(ObservationTransform):
             Gymnasium's ``Ant``; ``None`` if the entry is the quaternion.
 
     Raises:
-        ValueError: for an unknown representation, numbers of keys that differ, or a slice that does not
-            hold four numbers.
+        ValueError: for an unknown representation, numbers of keys that differ, or a ``part`` that is not
+            a slice; when added to an environment, or used, if an entry does not hold four floating point
+            numbers there.
+        KeyError: when added to an environment, or used, where an entry of ``in_keys`` is not there.
 
     Examples:
         >>> from torchrl.envs import GymEnv, TransformedEnv
-        >>> env = TransformedEnv(GymEnv("Ant-v5"))
-        >>> env.append_transform(
-        ...     IncludeOrientation("gravity", in_keys=["observation"], part=slice(1, 5))
-        ... )
+        >>> tilt = IncludeOrientation("gravity", ["observation"], ["tilt"], part=slice(1, 5))
+        >>> env = TransformedEnv(GymEnv("Ant-v5"), tilt)
+        >>> env.reset()["tilt"].shape
+        torch.Size([3])
     """
 
     def __init__(
@@ -53,10 +54,12 @@ class IncludeOrientation(ObservationTransform):
         out_keys: Sequence[NestedKey] | NestedKey = "orientation",
         part: slice | None = None,
     ) -> None:
-        if representation not in _REPRESENTATIONS:
+        if not isinstance(representation, str) or representation not in _REPRESENTATIONS:
             raise ValueError(
                 f"representation {representation!r} must be one of {', '.join(_REPRESENTATIONS)}"
             )
+        if part is not None and not isinstance(part, slice):
+            raise ValueError(f"part must be a slice, such as slice(1, 5), or None, got {part!r}")
         in_keys, out_keys = pairs_of_keys(in_keys, out_keys)
         super().__init__(in_keys=in_keys, out_keys=out_keys)
         self.representation = representation
@@ -64,22 +67,25 @@ class IncludeOrientation(ObservationTransform):
         self._convert, self._size = _REPRESENTATIONS[representation]
 
     def _apply_transform(self, obs: torch.Tensor) -> torch.Tensor:
-        quaternion = self._quaternion(obs)
+        quaternion = obs if self.part is None else obs[..., self.part]
+        if quaternion.shape[-1:] != (4,):
+            raise ValueError(self._not_four(self.in_keys, quaternion.shape[-1:].numel()))
         orientation = self._convert(quaternion)
         return orientation.clone() if orientation is quaternion else orientation
 
-    def _quaternion(self, obs: torch.Tensor) -> torch.Tensor:
-        return obs if self.part is None else obs[..., self.part]
+    def _not_four(self, key: object, numbers: int) -> str:
+        return f"IncludeOrientation: {key!r} holds {numbers} numbers, a quaternion takes 4"
 
     def _reset(self, tensordict, tensordict_reset):
         return self._call(tensordict_reset)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         for in_key, out_key in zip(self.in_keys, self.out_keys):
-            spec = entry(observation_spec, in_key, self)
+            spec = vector(observation_spec, in_key, self)
+            require_floating(spec, in_key, self)
             length = len(range(spec.shape[-1])[self.part or slice(None)])
             if length != 4:
-                raise ValueError(f"{in_key!r} holds {length} numbers, a quaternion takes 4")
+                raise ValueError(self._not_four(in_key, length))
             observation_spec[out_key] = Unbounded(
                 (*spec.shape[:-1], self._size), dtype=spec.dtype, device=spec.device
             )

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Sequence
 
 import torch
 from tensordict import TensorDictBase
 from tensordict.utils import NestedKey
 from torchrl.data import TensorSpec, Unbounded
-from torchrl.envs import ObservationTransform
 
-from locomotion.transforms.keys import as_keys, entry
+from locomotion.transforms.keys import EntryTransform, as_keys, entry, require_floating
 
 
-class SensorNoise(ObservationTransform):
+class SensorNoise(EntryTransform):
     """Adds Gaussian noise to entries, in place.
 
     Args:
@@ -22,16 +22,23 @@ class SensorNoise(ObservationTransform):
         in_keys: the entries: a list of keys, or one, which may be nested.
 
     Raises:
-        ValueError: if the deviation is negative or not a number.
-        KeyError: when used where an entry of ``in_keys`` is not there.
+        ValueError: if the deviation is negative or not a finite number; when added to an environment, if
+            an entry does not hold floating point numbers.
+        KeyError: when added to an environment, or used, where an entry of ``in_keys`` is not there.
+
+    Examples:
+        >>> from torchrl.envs import PendulumEnv, TransformedEnv
+        >>> env = TransformedEnv(PendulumEnv(), SensorNoise(0.1, "th"))
+        >>> env.rollout(5)["th"].shape
+        torch.Size([5])
     """
 
     def __init__(
         self, deviation: float, in_keys: Sequence[NestedKey] | NestedKey = "hinge_position"
     ) -> None:
-        if not 0 <= deviation < math.inf:
-            raise ValueError(f"deviation must be at least 0, got {deviation}")
-        keys = as_keys(in_keys)
+        if not isinstance(deviation, numbers.Real) or not 0 <= deviation < math.inf:
+            raise ValueError(f"deviation must be a number of at least 0, got {deviation!r}")
+        keys = as_keys(in_keys, "in_keys")
         super().__init__(in_keys=keys, out_keys=keys)
         self.deviation = deviation
 
@@ -46,5 +53,6 @@ class SensorNoise(ObservationTransform):
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         for key in self.in_keys:  # noise leaves any bounds
             spec = entry(observation_spec, key, self)
+            require_floating(spec, key, self)
             observation_spec[key] = Unbounded(spec.shape, dtype=spec.dtype, device=spec.device)
         return observation_spec

@@ -10,19 +10,18 @@ from locomotion import compose
 from locomotion.cli.composing import compose_jobs
 from locomotion.options import conf_dir
 
-SAFE = ["hydra/launcher=basic", "hydra/launcher=parallel"]
-
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["hydra/launcher=joblib"], f"joblib is not allowed; choose from {', '.join(SAFE)}"),
-        (["hydra/launcher=mine"], "hydra/launcher=mine is unknown; choose from basic, joblib"),
+        (["hydra/sweeper=basic"], "hydra/sweeper=basic is not allowed; choose from hydra/sweeper=gr"),
+        (["hydra/launcher=mine"], "hydra/launcher=mine is unknown; choose from basic, "),
         (["hydra/sweeper=mine"], "hydra/sweeper=mine is unknown; choose from basic"),
         (["hydra.launcher._target_=os.system"], "hydra.launcher._target_=os.system is fixed"),
         (["hydra.sweeper._target_=os.system"], "hydra.sweeper._target_=os.system is fixed"),
-        (["hydra.sweeper.max_batch_size=1"], "hydra.sweeper.max_batch_size=1 is fixed"),
-        (["hydra/launcher=parallel", "hydra.launcher.temp_folder=x"], "launcher.temp_folder=x is"),
+        (["++hydra.sweeper.max_batch_size=1"], "hydra.sweeper.max_batch_size=1 is fixed"),
+        (["hydra/launcher=parallel", "++hydra.launcher.backend=x"], "launcher.backend=x is fixed"),
+        (["hydra/launcher=parallel", "hydra.launcher.n_jobs=0"], "n_jobs=0 must be a number of at"),
         (
             ["+hydra.callbacks.x._target_=os.system"],
             "hydra.callbacks.x._target_=os.system is fixed",
@@ -50,17 +49,14 @@ def test_what_hydra_calls_and_opens_is_fixed(arguments, message, refusal, monkey
     ("choice", "message"),
     [
         ("launcher=mine", "hydra/launcher=mine is not allowed; choose from hydra/launcher=basic"),
-        ("sweeper=mine", "hydra/sweeper=mine is not allowed; choose from hydra/sweeper=basic"),
+        ("sweeper=mine", "hydra/sweeper=mine is not allowed; choose from hydra/sweeper=grid"),
         # One that is allowed but not installed cannot be put in its place, nor Hydra's own replaced.
         ("sweeper=optuna", "hydra/sweeper=optuna is unknown; choose from basic"),
-        ("sweeper=basic", "hydra.sweeper._target_=os.mkdir is fixed"),
         ("launcher=basic", "hydra.launcher._target_=os.mkdir is fixed"),
-        ("launcher=parallel", "hydra.launcher._target_=os.mkdir is fixed"),
     ],
 )
 def test_a_strangers_launcher_is_not_called(choice, message, refusal, write, monkeypatch, tmp_path):
     kind, _, name = choice.partition("=")
-    name = "joblib" if name == "parallel" else name  # which the project's own choice is made of
     write(f"theirs/hydra/{kind}/{name}.yaml", "_target_: os.mkdir\n")
     monkeypatch.chdir(tmp_path)
     arguments = ["--config-dir=theirs", "--multirun", "seed=0,1", f"hydra/{choice}"]
@@ -86,7 +82,7 @@ STRANGERS = {
 def test_a_strangers_folder_runs_no_code(content, override, refusal, write, monkeypatch, tmp_path):
     write("crater.py", "open('crater', 'w')")
     body = "robot: {name: red, body: {module: core, children: {left: {module: hinge}}}}\n"
-    text = f"# @package _global_\n{body}{content}"
+    text = f"# @package _global_\n{body if override == 'robot=mine' else ''}{content}"
     write(f"theirs/{override.strip('+').split('=')[0]}/mine.yaml", text)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)

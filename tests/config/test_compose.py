@@ -96,7 +96,10 @@ def test_choices_of_ones_own_are_in_a_folder(tmp_path):
     (tmp_path / "task").mkdir()
     (tmp_path / "task" / "mine.yaml").write_text("rewards: {velocity: {direction: 1}, work: }\n")
     config = compose("task=mine", config_dir=tmp_path)
-    assert config.task.rewards == {"velocity": {"direction": 1}, "work": None}
+    assert config.task.rewards == {
+        "velocity": {"weight": 1.0, "direction": 1.0},
+        "work": {"weight": -0.01},
+    }
     with pytest.raises(ConfigError, match="task=mine is unknown; choose from turn"):
         compose("task=mine")
 

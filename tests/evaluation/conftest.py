@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import pytest
 import torch
 
@@ -48,3 +51,14 @@ def shipped_run():
         return folder, typed_config(saved, learning=False)
 
     return read
+
+
+@pytest.fixture(scope="session")
+def command():
+    """Runs a command of the project."""
+
+    def run(name, *arguments, cwd):
+        call = [sys.executable, "-m", f"locomotion.{name}", *map(str, arguments)]
+        return subprocess.run(call, cwd=cwd, capture_output=True, text=True, timeout=300)
+
+    return run

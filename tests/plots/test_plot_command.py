@@ -50,9 +50,36 @@ def test_runs_that_have_no_row_yet_are_left_out(tmp_path, make_run, draw):
     assert texts[0] == texts[1]
 
 
+def test_what_a_pattern_matches_beside_runs_is_left_out(tmp_path, make_run, draw):
+    make_run(tmp_path / "sweep" / "0")
+    make_run(tmp_path / "sweep" / "1", "seed=1")
+    draw("sweep/0", "sweep/1", "--output", "runs.svg")
+    (tmp_path / "sweep" / "multirun.yaml").write_text("a: 1\n")
+    (tmp_path / "sweep" / ".submitit" / "7").mkdir(parents=True)
+    places = [f"sweep/{name}" for name in (".submitit", "0", "1", "multirun.yaml")]
+    draw(*places, "--output", "all.svg")
+    draw("figure2", *places)
+    texts = [(tmp_path / name).read_text().count("<!-- ") for name in ("runs.svg", "all.svg")]
+    assert texts[0] == texts[1]
+
+
+def test_a_runs_folder_may_have_any_name(tmp_path, make_run, draw, recwarn):
+    names = ["a$b$c", "$\\frac{$", "_hidden", "日本🦎", "<&>", "a,b=c"]
+    for name in names:
+        make_run(tmp_path / name)
+    draw(*names, "--output", "runs.svg")
+    draw(*names)
+    svg = (tmp_path / "runs.svg").read_text(encoding="utf-8")
+    for name in ("a$b$c", "$\\frac{$", "_hidden"):
+        assert f"({name})" in svg
+    assert not [warning for warning in recwarn if "Glyph" in str(warning.message)]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["run/metrics.csv"], "run/metrics.csv is a file, so it is not a run's folder"),
+        (["run", "runn"], "runn holds no metrics.csv, so it is not a run's folder"),
         (["nowhere"], "nowhere holds no metrics.csv, so it is not a run's folder"),
         (["figure3", "."], "no run in . has a row yet"),
         (["figure2"], "figure2 of what? Give the folder of a sweep: figure2 sweeps/ablation"),

@@ -8,6 +8,9 @@ from tensordict import TensorDict
 from torchrl.data import LazyTensorStorage, ReplayBuffer, SliceSampler
 from torchrl.envs import (
     Compose,
+    GymEnv,
+    InitTracker,
+    ObservationNorm,
     ParallelEnv,
     PendulumEnv,
     SerialEnv,
@@ -17,7 +20,14 @@ from torchrl.envs import (
     check_env_specs,
 )
 
-from locomotion.transforms import HingeHistory, hinge_history
+from locomotion.transforms import (
+    HingeHistory,
+    IncludeOrientation,
+    SensorNoise,
+    hinge_history,
+    orientation,
+    sensor_noise,
+)
 
 
 def pendulum(max_steps=None):
@@ -158,31 +168,118 @@ def test_specs_hold_for_agents(agents_env, together):
     check_env_specs(TransformedEnv(env, HingeHistory(2, [("agents", "angle")])))
 
 
-def test_a_replay_buffer_rebuilds_the_history_of_whole_episodes():
-    rollout = remembering_pendulum(max_steps=5).rollout(20, break_when_any_done=False)
+def sliced(rollout, transform, slice_len=4, time=True):
+    """A sample of slices, which begin anywhere."""
+    sampler = SliceSampler(slice_len=slice_len, end_key=("next", "done"), strict_length=True)
     buffer = ReplayBuffer(
-        storage=LazyTensorStorage(20),
-        sampler=SliceSampler(slice_len=5, end_key=("next", "done"), strict_length=True),
-        batch_size=20,
-        transform=Compose(
-            lambda td: td.reshape(-1, 5).refine_names(None, "time"),
-            HingeHistory(3, in_keys=["angle"], out_keys=["rebuilt"]),
-        ),
+        storage=LazyTensorStorage(rollout.numel()), sampler=sampler, batch_size=6 * slice_len
     )
-    buffer.extend(rollout)
-    sample = buffer.sample()
+    if time:
+        buffer.append_transform(lambda td: td.reshape(-1, slice_len).refine_names(None, "time"))
+    buffer.append_transform(transform)
+    buffer.extend(rollout.reshape(-1))
+    return buffer.sample()
+
+
+def episodes(counting_env, lengths, steps=21, **keys):
+    """Rollouts with what histories there should be."""
+    env = counting_env(lengths)
+    env = TransformedEnv(env, Compose(InitTracker(), HingeHistory(3, "angle", **keys)))
+    return env.rollout(steps, break_when_any_done=False)
+
+
+@pytest.mark.parametrize("time", [True, False])
+def test_a_replay_buffer_keeps_the_histories_that_were_stored(counting_env, time):
+    rollout = episodes(counting_env, [7, 7])
+    sample = sliced(rollout, HingeHistory(3, "angle"), time=time)
+    known = {tuple(row["angle"].tolist()): row for row in rollout.reshape(-1)}
+    assert not sample["is_init"].reshape(-1, 4)[:, 0].all()
+    for row in sample.reshape(-1):
+        expected = known[tuple(row["angle"].tolist())]
+        assert torch.equal(row["angle_history"], expected["angle_history"])
+        assert torch.equal(row["next", "angle_history"], expected["next", "angle_history"])
+
+
+def test_a_replay_buffer_rebuilds_the_history_of_whole_episodes(counting_env):
+    rollout = episodes(counting_env, [7, 7])
+    sample = sliced(rollout, HingeHistory(3, "angle", "rebuilt"), slice_len=7)
     assert torch.equal(sample["rebuilt"], sample["angle_history"])
     assert torch.equal(sample["next", "rebuilt"], sample["next", "angle_history"])
 
 
+@pytest.mark.parametrize("stored", ["all", "no next", "no flag of the end"])
+def test_what_begins_within_an_episode_is_refused_when_it_is_rebuilt(counting_env, stored):
+    rollout = episodes(counting_env, [7, 7])
+    without = {"all": (), "no next": [("next", "angle")], "no flag of the end": []}[stored]
+    sample = sliced(rollout.exclude(*without), lambda td: td)
+    if stored == "no flag of the end":
+        sample["next", "done"].zero_()
+    rebuild = HingeHistory(3, "angle", "rebuilt")
+    with pytest.raises(
+        ValueError, match="'angle' cannot be rebuilt, as rows begin within episodes"
+    ):
+        rebuild(sample)
+    with pytest.raises(ValueError, match=r"as no 'is_init' .*; store the one that the environment"):
+        rebuild(sample.exclude("is_init"))
+    with pytest.raises(ValueError, match="as no dimension is named 'time'"):
+        sliced(rollout.exclude(*without), rebuild, time=False)
+
+
+def test_slices_in_one_row_are_refused_when_they_are_rebuilt(counting_env):
+    rebuild = HingeHistory(3, "angle", "rebuilt")
+    first, second = episodes(counting_env, [9, 9], steps=9).unbind(0)
+    for parts in ([first[:4], second[5:]], [first[:4], first[5:]]):
+        row = torch.cat(parts).refine_names("time")
+        with pytest.raises(ValueError, match="as a row holds parts of several episodes"):
+            rebuild(row.clone())
+        ended = row.exclude(("next", "angle"))  # as TorchRL marks where a slice ends
+        ended["next", "done"][3] = True
+        with pytest.raises(ValueError, match="as a row holds parts of several episodes"):
+            rebuild(ended)
+    row = torch.cat([first[:4], second]).refine_names("time")
+    assert torch.equal(rebuild(row)["rebuilt"], row["angle_history"])
+
+
 def test_stored_trajectories_may_hold_several_episodes_and_lack_what_follows(counting_env):
-    env = TransformedEnv(counting_env([3, 4, 7]), HingeHistory(3, "angle"))
-    rollout = env.rollout(20, break_when_any_done=False).refine_names(..., "time")
+    rollout = episodes(counting_env, [3, 4, 7]).refine_names(..., "time")
     rebuild = HingeHistory(3, "angle", "rebuilt")
     assert torch.equal(rebuild(rollout.clone())["rebuilt"], rollout["angle_history"])
-    alone = rebuild(rollout.select("angle", ("next", "done")))
+    alone = rebuild(rollout.select("angle", "is_init"))
     assert torch.equal(alone["rebuilt"], rollout["angle_history"])
     assert ("next", "rebuilt") not in alone.keys(True)
+    across = rebuild(rollout.transpose(0, 1).refine_names("time", None))
+    assert torch.equal(across["rebuilt"].transpose(0, 1), rollout["angle_history"])
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_stored_trajectories_of_agents(agents_env, together):
+    keys = {"in_keys": [("agents", "angle")], "out_keys": [("agents", "past")]}
+    env = TransformedEnv(agents_env([[2, 3, 9], [4, 1, 3]], together), InitTracker())
+    env.append_transform(HingeHistory(3, **keys))
+    rollout = env.rollout(15, break_when_any_done=False)
+    rebuilt = HingeHistory(3, **keys)(
+        rollout.exclude(("agents", "past"), ("next", "agents", "past"))
+    )
+    assert torch.equal(rebuilt["agents", "past"], rollout["agents", "past"])
+    assert torch.equal(rebuilt["next", "agents", "past"], rollout["next", "agents", "past"])
+
+
+def test_values_and_histories_under_one_key_are_refused_in_a_replay_buffer(counting_env):
+    rollout = episodes(counting_env, [7, 7])
+    with pytest.raises(ValueError, match="in_keys and out_keys are both 'angle'"):
+        HingeHistory(3, "angle", "angle")(rollout)
+
+
+def test_clones_in_two_environments_have_a_memory_each(counting_env):
+    expected = TransformedEnv(counting_env([9, 9]), HingeHistory(3, "angle")).rollout(5)
+    env = TransformedEnv(counting_env([9, 9]), HingeHistory(3, "angle"))
+    td, seen = env.reset(), []
+    other = TransformedEnv(counting_env([2, 2]), env.transform.clone())
+    for _ in range(5):
+        other.rollout(2)
+        seen.append(td["angle_history"])
+        td = env.step_mdp(env.rand_step(td))
+    assert torch.equal(torch.stack(seen, 1), expected["angle_history"])
 
 
 @pytest.mark.parametrize("steps", [0, -2, 2.5, "3", None, True])
@@ -196,22 +293,69 @@ def test_wrong_numbers_of_keys_are_named():
         HingeHistory(2, in_keys=["a", "b"], out_keys=["c"])
 
 
-@pytest.mark.parametrize("use", [lambda env: env.reset(), lambda env: env.observation_spec])
-def test_a_missing_entry_is_named_with_those_that_are_there(counting_env, use):
-    with pytest.raises(KeyError, match="no entry 'angel'; in_keys must be among 'angle'"):
-        use(TransformedEnv(counting_env([3]), HingeHistory(2, "angel")))
+@pytest.mark.parametrize("keys", [None, 3, [], [3], ("angle", 3), [()], ["angle", "angle"]])
+def test_what_is_no_key_is_named(keys):
+    with pytest.raises(ValueError, match="in_keys must be .*key"):
+        HingeHistory(2, keys)
+    with pytest.raises(ValueError, match="in_keys must be .*key"):
+        SensorNoise(0.1, keys)
+    with pytest.raises(ValueError, match="in_keys must be .*key"):
+        IncludeOrientation("yaw", keys)
 
 
-@pytest.mark.parametrize("use", [lambda env: env.reset(), lambda env: env.observation_spec])
-def test_a_number_that_is_no_vector_is_named(agents_env, use):
-    with pytest.raises(ValueError, match="'th' is a number, not a vector; UnsqueezeTransform"):
-        use(TransformedEnv(PendulumEnv(), HingeHistory(2, "th")))
-    with pytest.raises(ValueError, match="'th' is a number, not a vector; UnsqueezeTransform"):
-        use(TransformedEnv(SerialEnv(2, PendulumEnv), HingeHistory(2, "th")))
+def added(transform):
+    """Ways to add a transform to an environment."""
+    return {
+        "alone": lambda env: TransformedEnv(env, transform),
+        "in a chain": lambda env: TransformedEnv(env, Compose(StepCounter(), transform)),
+        "appended": lambda env: TransformedEnv(env, StepCounter()).append_transform(transform),
+        "inserted": lambda env: TransformedEnv(env, StepCounter()).insert_transform(0, transform),
+    }
+
+
+@pytest.mark.parametrize("way", added(None))
+@pytest.mark.parametrize("make", [HingeHistory, SensorNoise])
+def test_a_missing_entry_is_named_with_those_that_are_there(counting_env, make, way):
+    for keys in ("hinge_position", ("agents", "angle")):
+        with pytest.raises(KeyError) as caught:
+            added(make(2, keys))[way](counting_env([3]))
+        assert f"no entry {keys!r}; in_keys must be among 'angle', 'speed'" in str(caught.value)
+    with pytest.raises(
+        KeyError, match="no entry 'core_orientation'; in_keys must be among 'angle'"
+    ):
+        added(IncludeOrientation())[way](counting_env([3]))
+
+
+@pytest.mark.parametrize("way", added(None))
+def test_a_number_that_is_no_vector_is_named(agents_env, way):
+    for env in (PendulumEnv(), SerialEnv(2, PendulumEnv)):
+        with pytest.raises(ValueError, match="'th' is a number, not a vector; UnsqueezeTransform"):
+            added(HingeHistory(2, "th"))[way](env)
+        with pytest.raises(ValueError, match="'th' is a number, not a vector; UnsqueezeTransform"):
+            added(IncludeOrientation("yaw", "th"))[way](env)
     with pytest.raises(ValueError, match=r"\('agents', 'size'\) is a number, not a vector"):
-        use(TransformedEnv(agents_env([[2, 3]]), HingeHistory(2, ("agents", "size"))))
+        added(HingeHistory(2, ("agents", "size")))[way](agents_env([[2, 3]]))
 
 
-def test_the_example_runs():
-    result = doctest.testmod(hinge_history)
+def test_a_group_of_entries_is_none_of_them(agents_env):
+    with pytest.raises(
+        KeyError, match=r"no entry 'agents'; in_keys must be among \('agents', 'ang"
+    ):
+        TransformedEnv(agents_env([[2, 3]]), HingeHistory(2, "agents"))
+
+
+def test_entries_are_looked_at_later_after_a_transform_that_has_no_statistics_yet():
+    env = TransformedEnv(
+        GymEnv("Pendulum-v1"),
+        Compose(ObservationNorm(in_keys=["observation"]), HingeHistory(2, "observation")),
+    )
+    env.transform[0].init_stats(10)
+    assert env.rollout(3)["observation_history"].shape == (3, 6)
+    with pytest.raises(KeyError, match="no entry 'speed'"):
+        env.append_transform(HingeHistory(2, "speed"))
+
+
+@pytest.mark.parametrize("module", [hinge_history, orientation, sensor_noise])
+def test_the_examples_run(module):
+    result = doctest.testmod(module)
     assert result.attempted and not result.failed

@@ -3,16 +3,20 @@
 import pytest
 import torch
 from tensordict import TensorDict
+from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, ReplayBuffer, SliceSampler
 from torchrl.envs import (
     CatFrames,
     CatTensors,
     ClipTransform,
     Compose,
+    DMControlEnv,
     DoubleToFloat,
     DTypeCastTransform,
     ExcludeTransform,
     FlattenObservation,
+    FrameSkipTransform,
+    GymEnv,
     InitTracker,
     ObservationNorm,
     RenameTransform,
@@ -64,6 +68,7 @@ FOLLOWING = {
     "UnaryTransform": lambda: [UnaryTransform(["past"], ["past"], fn=lambda x: x.cumsum(-1))],
     "CatFrames": lambda: [CatFrames(2, -1, ["past"])],
     "TimeMaxPool": lambda: [TimeMaxPool(["past"], T=2)],
+    "FrameSkipTransform": lambda: [FrameSkipTransform(2)],
     "what counts": lambda: [StepCounter(), RewardSum(), InitTracker()],
     "HingeHistory": lambda: [HingeHistory(2, "past")],
     "HingeHistory in place": lambda: [HingeHistory(2, "past", "past")],
@@ -193,7 +198,8 @@ def test_around_a_batched_environment_it_is_the_same(counting_env):
 
 
 def test_in_a_replay_buffer_it_is_the_same(counting_env):
-    rollout = TransformedEnv(counting_env([4] * 3)).rollout(12, break_when_any_done=False)
+    env = TransformedEnv(counting_env([4] * 3), InitTracker())
+    rollout = env.rollout(12, break_when_any_done=False)
     keys = ["angle", ("next", "angle")], ["past", ("next", "past")]
     stacked = CatFrames(STEPS, -1, *keys, padding="constant")
     flip = UnaryTransform(
@@ -206,12 +212,62 @@ def test_in_a_replay_buffer_it_is_the_same(counting_env):
             storage=LazyTensorStorage(36),
             sampler=SliceSampler(slice_len=4, end_key=("next", "done"), strict_length=True),
             batch_size=24,
-            transform=Compose(
-                lambda td: td.reshape(-1, 4).refine_names(None, "time"),
-                *past,
-                ObservationNorm(0.3, 2.0, ["past"]),
-            ),
         )
+        buffer.append_transform(lambda td: td.reshape(-1, 4).refine_names(None, "time"))
+        for transform in (*past, ObservationNorm(0.3, 2.0, ["past"])):
+            buffer.append_transform(transform)
         buffer.extend(rollout.reshape(-1))
         samples.append(buffer.sample())
     assert_same(*samples)
+
+
+#: Environments of others, with the entry that is remembered.
+ELSEWHERE = {
+    "Gymnasium": ("observation", lambda: TransformedEnv(GymEnv("Pendulum-v1"), StepCounter(7))),
+    "dm-control": (
+        "velocity",
+        lambda: TransformedEnv(DMControlEnv("cartpole", "balance"), StepCounter(7)),
+    ),
+    "several of Gymnasium's": (
+        "observation",
+        lambda: SerialEnv(2, lambda: TransformedEnv(GymEnv("Pendulum-v1"), StepCounter(7))),
+    ),
+}
+
+
+@pytest.mark.parametrize("collected", [False, True])
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_in_environments_of_others_it_is_the_same(name, collected):
+    source, make = ELSEWHERE[name]
+    found = []
+    for past in ([HingeHistory(STEPS, source, "past")], flipped_frames(source)):
+        chain = Compose(*past, CatTensors(["past", source], "all"))
+        env = specified(TransformedEnv(make(), chain, auto_unwrap=False))
+        env.set_seed(0)
+        torch.manual_seed(0)
+        if collected:
+            collector = Collector(env, None, frames_per_batch=40, total_frames=40)
+            found.append(next(iter(collector)).exclude("collector"))
+            collector.shutdown()
+        else:
+            found.append(env.rollout(20, break_when_any_done=False))
+            env.close()
+    assert found[0]["next", "done"].any()
+    assert_same(*found)
+
+
+def test_for_agents_that_are_reset_together_it_is_the_same(agents_env):
+    keys = [("agents", "angle")], [("agents", "past")]
+    flip = UnaryTransform(
+        keys[1], keys[1], fn=lambda x: x.unflatten(-1, (STEPS, -1)).flip(-2).flatten(-2)
+    )
+    frames = CatFrames(STEPS, -1, *keys, padding="constant", reset_key="_reset")
+    rollouts = []
+    for past in ([HingeHistory(STEPS, *keys)], [frames, flip]):
+        env = agents_env([[2, 3, 9], [4, 1, 3]], together=True)
+        norm = ObservationNorm(0.3, 2.0, [("agents", "past")])
+        env = specified(TransformedEnv(env, Compose(*past, norm)))
+        torch.manual_seed(0)
+        rollouts.append(env.rollout(15, break_when_any_done=False))
+    assert rollouts[0]["next", "done"].sum() > 4
+    assert_same(*rollouts)

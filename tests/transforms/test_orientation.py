@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 from tensordict import TensorDict
-from torchrl.envs import GymEnv, SerialEnv, TransformedEnv, check_env_specs
+from torchrl.envs import GymEnv, SerialEnv, StepCounter, TransformedEnv, check_env_specs
 
 from locomotion.transforms import IncludeOrientation
 
@@ -84,11 +84,27 @@ def test_the_entry_that_is_read_stays_as_it_was():
     assert torch.equal(td["core_orientation"], torch.tensor([[1.0, 0.0, 0.0, 0.0]]))
 
 
-def test_mistakes_are_named():
-    with pytest.raises(ValueError, match="'euler' must be one of quaternion, rotation_6d"):
-        IncludeOrientation("euler")
+@pytest.mark.parametrize("representation", ["euler", None, ["yaw"], 3])
+def test_an_unknown_representation_is_named_with_those_there_are(representation):
+    with pytest.raises(ValueError, match="must be one of quaternion, rotation_6d, gravity, yaw"):
+        IncludeOrientation(representation)
+
+
+@pytest.mark.parametrize("part", [3, (1, 5), "1:5"])
+def test_a_part_that_is_no_slice_is_named(part):
+    with pytest.raises(ValueError, match="part must be a slice, such as slice"):
+        IncludeOrientation(part=part)
+
+
+def test_mistakes_are_named(counting_env):
     with pytest.raises(ValueError, match="got 2 in_keys but 1 out_keys"):
         IncludeOrientation(in_keys=["a", "b"])
-    env = TransformedEnv(GymEnv("Ant-v5"), IncludeOrientation(in_keys=["observation"]))
     with pytest.raises(ValueError, match="'observation' holds 105 numbers, a quaternion takes 4"):
-        _ = env.observation_spec
+        TransformedEnv(GymEnv("Ant-v5"), IncludeOrientation(in_keys=["observation"]))
+    with pytest.raises(ValueError, match="'speed' holds 3 numbers, a quaternion takes 4"):
+        TransformedEnv(counting_env([3]), IncludeOrientation(in_keys="speed"))
+    with pytest.raises(ValueError, match="holds 3 numbers, a quaternion takes 4"):
+        IncludeOrientation("yaw", "speed")(TensorDict({"speed": torch.zeros(2, 3)}, [2]))
+    env = TransformedEnv(counting_env([3]), StepCounter())
+    with pytest.raises(ValueError, match="holds torch.int64, not floating point numbers"):
+        env.append_transform(IncludeOrientation("yaw", "step_count"))

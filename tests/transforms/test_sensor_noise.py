@@ -6,6 +6,7 @@ from torchrl.envs import (
     Compose,
     GymEnv,
     RenameTransform,
+    StepCounter,
     TransformedEnv,
     check_env_specs,
 )
@@ -54,12 +55,14 @@ def test_specs_allow_for_noise_beyond_the_bounds_of_an_entry():
     check_env_specs(TransformedEnv(GymEnv("Pendulum-v1"), SensorNoise(50.0, "observation")))
 
 
-@pytest.mark.parametrize("deviation", [-0.1, float("nan"), float("inf")])
+@pytest.mark.parametrize("deviation", [-0.1, float("nan"), float("inf"), "0.1", None])
 def test_a_wrong_deviation_is_named(deviation):
-    with pytest.raises(ValueError, match="deviation must be at least 0"):
+    with pytest.raises(ValueError, match="deviation must be a number of at least 0"):
         SensorNoise(deviation)
 
 
-def test_a_missing_entry_is_named_with_those_that_are_there(counting_env):
-    with pytest.raises(KeyError, match="no entry 'angel'; in_keys must be among 'angle'"):
-        _ = TransformedEnv(counting_env([3]), SensorNoise(0.1, "angel")).observation_spec
+def test_an_entry_that_is_not_of_floating_point_numbers_is_named():
+    with pytest.raises(ValueError, match="'step_count' holds torch.int64, not floating point"):
+        TransformedEnv(
+            GymEnv("Pendulum-v1"), Compose(StepCounter(), SensorNoise(0.1, "step_count"))
+        )

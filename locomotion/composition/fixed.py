@@ -13,7 +13,7 @@ from locomotion.options import ConfigError, flat
 ALLOWED: dict[str, tuple[str, ...]] = {
     "hydra/launcher=basic": (),
     "hydra/launcher=parallel": ("n_jobs",),
-    "hydra/sweeper=basic": ("params",),
+    "hydra/sweeper=grid": ("params",),
     "hydra/sweeper=optuna": ("params", "n_trials", "n_jobs", "direction", "study_name"),
 }
 #: Keys that may be set whatever is chosen. The rest names what Hydra calls, what logging opens and what a
@@ -39,6 +39,9 @@ def refuse_what_is_fixed(config: DictConfig, own: Callable[[str, str], DictConfi
             known = ", ".join(name for name in ALLOWED if kind in name)
             raise ConfigError(f"{choice} is not allowed; choose from {known}")
         settable += [f"{kind}.{name}" for name in ALLOWED[choice]]
+    at_once = config.hydra.launcher.get("n_jobs", 1)
+    if not isinstance(at_once, int) or at_once < 1:
+        raise ConfigError(f"hydra.launcher.n_jobs={at_once} must be a number of at least 1")
     own_config = own(choices["hydra/launcher"], choices["hydra/sweeper"])
     # What refers to something else is compared as it is written.
     asked, fixed = (dict(flat(OmegaConf.to_container(x.hydra))) for x in (config, own_config))

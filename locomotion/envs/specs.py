@@ -1,0 +1,40 @@
+"""What an environment says about its entries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from torchrl.data import Binary, Bounded, Composite, TensorSpec, Unbounded
+
+from locomotion.envs.readings import Reading
+from locomotion.tasks import WalkAway
+
+#: Entries that say whether an episode ended, and why.
+FLAGS = ("done", "terminated", "truncated")
+
+
+def make_specs(
+    task: WalkAway, readings: Mapping[str, Reading], num_envs: int, device: torch.device
+) -> dict[str, TensorSpec]:
+    """Makes the specs of a task, by the names that TorchRL's environments have for them.
+
+    Args:
+        task: the task.
+        readings: what is observed, by name.
+        num_envs: number of robots.
+        device: where they are.
+    """
+    at, shape = {"device": device}, (num_envs, len(task.robot.hinges))
+    limit = torch.tensor(task.target_limit, dtype=torch.float32, **at)
+    observed = {
+        name: Unbounded((num_envs, reading.size(task)), dtype=getattr(torch, reading.dtype), **at)
+        for name, reading in readings.items()
+    }
+    flags = {name: Binary(1, shape=(num_envs, 1), dtype=torch.bool, **at) for name in FLAGS}
+    return {
+        "action_spec": Bounded(-limit, limit, shape=shape, dtype=torch.float32, **at),
+        "observation_spec": Composite(observed, shape=(num_envs,), **at),
+        "reward_spec": Unbounded((num_envs, 1), dtype=torch.float32, **at),
+        "done_spec": Composite(flags, shape=(num_envs,), **at),
+    }

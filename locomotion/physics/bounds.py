@@ -1,0 +1,54 @@
+"""What a sound simulation cannot leave."""
+
+from __future__ import annotations
+
+import torch
+
+#: Bounds that no robot reaches by itself: the core's height (m), its mean speed along the ground (m/s),
+#: and any other position or velocity (SI units).
+CEILING = 10.0
+MOST_SPEED = 20.0
+MOST_STATE = 1000.0
+
+
+class Bounds:
+    """Where a number of physics steps can lead a sound simulation.
+
+    Args:
+        columns: times, positions and velocities in a row of states.
+        timestep: length of a physics step (s).
+        device: where states are.
+    """
+
+    def __init__(self, columns: int, timestep: float, device: torch.device) -> None:
+        self._timestep = timestep
+        # A state is compared with where it should be: time and place are known, the rest is around 0.
+        self._known = torch.zeros(columns, dtype=torch.float64, device=device)
+        self._known[:3] = 1.0
+        self._by_steps: dict[int, tuple[torch.Tensor, torch.Tensor]] = {}
+
+    def beyond(self, start: torch.Tensor, end: torch.Tensor, steps: int) -> torch.Tensor:
+        """Whose states are not finite, or where no robot comes to.
+
+        Args:
+            start: times, positions and velocities before the steps, shape ``(num_envs, columns)``.
+            end: those after them.
+            steps: how many there were.
+
+        Returns:
+            Shape ``(num_envs,)``.
+        """
+        if steps not in self._by_steps:
+            self._by_steps[steps] = self._make(steps)
+        ahead, bound = self._by_steps[steps]
+        off = torch.addcmul(ahead, start, self._known).sub_(end).abs_()
+        return (off <= bound).all(1).logical_not_()  # in this form, so that nan is beyond
+
+    def _make(self, steps: int) -> tuple[torch.Tensor, torch.Tensor]:
+        bound = torch.full_like(self._known, MOST_STATE)
+        bound[0] = self._timestep / 2
+        bound[1:3] = MOST_SPEED * steps * self._timestep
+        bound[3] = CEILING
+        ahead = torch.zeros_like(self._known)
+        ahead[0] = steps * self._timestep
+        return ahead, bound

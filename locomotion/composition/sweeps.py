@@ -23,8 +23,16 @@ def configurations(jobs: Sequence[Sequence[str]]) -> Iterator[DictConfig]:
     """
     lines = [*dict.fromkeys(itertools.chain(*jobs))]
     parsed = dict(zip(lines, OverridesParser.create().parse_overrides(lines), strict=True))
-    varied = {line for line in parsed if sum(line in job for job in jobs) < len(jobs)}
-    plain = {line for line in varied if _is_plain(parsed[line], parsed.values())}
+    swept: dict[str, list[Override]] = {}
+    for override in parsed.values():
+        swept.setdefault(override.get_key_element(), []).append(override)
+    plain = {
+        override.input_line
+        for values in swept.values()
+        if len(values) > 1 and _is_key(values[0], {one[0].key_or_group for one in swept.values()})
+        for override in values
+        if not isinstance(override.value(), dict)  # which is merged into what is there
+    }
     shared = functools.lru_cache(maxsize=64)(composed)
     for job in jobs:
         config = shared(tuple(line for line in job if line not in plain))
@@ -43,15 +51,12 @@ def configurations(jobs: Sequence[Sequence[str]]) -> Iterator[DictConfig]:
         yield config
 
 
-def _is_plain(override: Override, others: Collection[Override]) -> bool:
+def _is_key(override: Override, keys: Collection[str]) -> bool:
     """Whether all that an override does is to set a key, on which no other override bears."""
     key, loader = override.key_or_group, GlobalHydra.instance().config_loader()
-    changes = override.is_delete() or override.is_add() or override.is_force_add()
-    if changes or override.is_hydra_override() or isinstance(override.value(), dict):
+    if override.is_delete() or override.is_add() or override.is_force_add():
         return False
-    if loader.get_group_options(key) or loader.list_groups(key):
+    if override.is_hydra_override() or loader.get_group_options(key) or loader.list_groups(key):
         return False
-    near = (other.key_or_group for other in others if other.get_key_element() != key)
-    return not any(
-        f"{key}.".startswith(f"{one}.") or f"{one}.".startswith(f"{key}.") for one in near
-    )
+    related = (f"{key}.".startswith(f"{one}.") or one.startswith(f"{key}.") for one in keys)
+    return sum(related) == 1  # itself

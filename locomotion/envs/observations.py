@@ -90,8 +90,10 @@ def make_transforms(terms: Mapping[str, ObsTerm]) -> tuple[list[Transform], list
             entry = f"{name}_{form}"
         if term.scale != 1.0:
             scaled = f"{name}_scaled"
-            shift, scale = torch.tensor([0.0, term.scale], dtype=torch.float32, device="cpu")
-            transforms.append(ObservationNorm(shift, scale, [entry], [scaled]))
+            with torch.device("cpu"):  # whatever torch's defaults are
+                scale = torch.tensor(term.scale, dtype=torch.float32)
+                shift = torch.zeros_like(scale)
+                transforms.append(ObservationNorm(shift, scale, [entry], [scaled]))
             entry = scaled
         if term.steps > 1:
             transforms.append(HingeHistory(term.steps, [entry], [f"{name}_history"]))

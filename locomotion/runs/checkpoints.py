@@ -74,7 +74,7 @@ class Checkpoints:
                 continue
             try:
                 # What a GPU wrote can be read without one.
-                self._checkpoint.load(path, map_location="cpu")
+                self._checkpoint.load(path.absolute(), map_location="cpu")
             except (CheckpointError, KeyError, TypeError, ValueError) as error:
                 raise RunError(f"{path} does not fit this run: {_first_line(error)}") from error
             return int(path.stem)
@@ -108,7 +108,7 @@ def _damage(path: Path) -> str | None:
             if archive.testzip() is not None:
                 return "is damaged"
             names = archive.namelist()
-        Checkpoint.manifest(path)
+        Checkpoint.manifest(path.absolute())  # TorchRL takes a name with ~ for a home
     except Exception:  # noqa: BLE001  whatever a reader stumbles over
         return "is cut short or damaged"
     # Other payloads than weights might be pickles.

@@ -69,7 +69,7 @@ class TensorBoard(RunLogger):
         from torchrl.record.loggers.tensorboard import TensorboardLogger
 
         before = any((folder / "tensorboard").glob("events*"))
-        self._logger = TensorboardLogger(exp_name="tensorboard", log_dir=str(folder))
+        self._logger = TensorboardLogger(exp_name="tensorboard", log_dir=str(folder.absolute()))
         if before:  # hides what the run had logged after the checkpoint
             self._logger.experiment.close()
             self._logger.experiment.purge_step = frames + 1
@@ -113,7 +113,7 @@ class WeightsAndBiases(RunLogger):
         try:
             self._logger = WandbLogger(
                 exp_name=f"{config.robot.name}-seed{config.seed}",
-                save_dir=str(folder),
+                save_dir=str(folder.absolute()),
                 id=_identity(folder),
                 project=os.environ.get("WANDB_PROJECT", "locomotion"),
                 log_env_packages=False,

@@ -140,3 +140,15 @@ def test_a_gru_has_its_layers_and_a_critic_that_sees_its_memory(layers):
     first = critic(td)["state_value"].clone()
     td["recurrent_state"] += 1
     assert (critic(td)["state_value"] != first).all()
+
+
+@pytest.mark.parametrize("kind", [None, *(k for k in ExplorationType if k.name != "RANDOM")])
+def test_all_but_random_is_the_mean_which_evaluation_walks_with(kind):
+    torch.manual_seed(0)
+    actor = MLP().make_actor(SIZES, ACTION)
+    seen = OBSERVATIONS.rand()
+    with contextlib.nullcontext() if kind is None else set_exploration_type(kind):
+        decided = actor(seen.clone())
+    assert torch.equal(decided["action"], decided["loc"])
+    with set_exploration_type(ExplorationType.RANDOM):
+        assert not torch.equal(actor(seen.clone())["action"], decided["loc"])

@@ -5,6 +5,8 @@ import copy
 import pytest
 import torch
 
+from locomotion import compose
+from locomotion.agents.architectures import GRU, MLP
 from locomotion.agents.learners import Optimizer, PPOConfig, Schedule
 from locomotion.options import ConfigError, typed
 
@@ -182,3 +184,16 @@ def test_a_learner_goes_on_from_its_state(experience, network, kind):
         torch.manual_seed(1)
         results.append([each.update(batch.clone()) for batch in batches[1:]])
     assert results[0] == results[1]
+
+
+def test_a_graph_is_not_asked_to_follow_a_memory(target_env):
+    learner = PPOConfig(cudagraphs=True)
+    learner.check_network(MLP())
+    with pytest.raises(ConfigError, match=r"ppo\.cudagraphs=True needs a network without a memory"):
+        learner.check_network(GRU())
+    with pytest.raises(ConfigError, match="needs a network without a memory"):
+        learner.make(target_env(2), GRU(), ["target"])
+    overrides = ("physics=warp", "physics.device=cuda:0", "ppo.cudagraphs=true")
+    with pytest.raises(ConfigError, match="needs a network without a memory"):
+        compose(*overrides, "network=gru")
+    assert compose(*overrides, "network=mlp").learner.cudagraphs

@@ -1,5 +1,6 @@
 """Simulations that go numerically wrong: caught where it happens, and never seen by the learner."""
 
+import contextlib
 import math
 
 import pytest
@@ -68,6 +69,39 @@ def test_an_action_that_is_not_finite_ends_the_episode_of_its_robot_alone(flock)
     assert all(value.isfinite().all() for value in td.values())
     (divergence,) = flock.take_divergences()
     assert divergence.robot == 1 and divergence.action[3].isnan()
+
+
+@pytest.mark.parametrize("num_envs", [1, 4])
+@pytest.mark.parametrize("value", [NAN, INF, -INF])
+def test_so_it_does_in_a_first_step_alone_and_after_a_partial_reset(value, num_envs, make):
+    env = make(num_envs)
+    env.reset()
+    one = torch.arange(num_envs, device=env.physics.device) == num_envs - 1
+    for _ in range(2):
+        td = env.fake_tensordict()
+        action = torch.zeros_like(td["action"])
+        action[one, 2] = value
+        td = env.step(td.set("action", action))["next"]
+        assert torch.equal(td["terminated"].squeeze(-1), one)
+        assert not td["reward"][one].any() and td["reward"].isfinite().all()
+        env.reset(td.set("_reset", td["done"]))
+        assert env.physics.motion.isfinite().all() and env.physics.control.isfinite().all()
+    assert [each.robot for each in env.take_divergences()] == 2 * [num_envs - 1]
+
+
+@pytest.mark.parametrize("watched", [False, True])
+def test_a_state_that_nothing_can_start_from_is_what_led_to_a_divergence(watched, make):
+    """And not the initial state, from which the same action would lead nowhere bad."""
+    env = make(2)
+    td = env.reset()
+    spoil(env, 1, "position is nan")
+    before = env.physics.motion[1].cpu().clone()
+    with env.after_substep(lambda physics: None) if watched else contextlib.nullcontext():
+        env.step(td.set("action", torch.zeros_like(env.action_spec.zero())))
+    (divergence,) = env.take_divergences()
+    found = torch.cat([divergence.qpos, divergence.qvel])
+    torch.testing.assert_close(found, before[1:], atol=0, rtol=0, equal_nan=True)
+    assert env.physics.motion.isfinite().all()
 
 
 @pytest.mark.parametrize("watched", [False, True])

@@ -98,3 +98,27 @@ def test_a_reset_leaves_parameters_alone(reset, make):
         physics.reset(torch.tensor([False, True], device=physics.device))
     physics.step(torch.zeros(2, 6, device=physics.device), 5)
     assert torch.equal(physics.expand("body_mass"), before)
+
+
+def test_a_reset_begins_at_the_initial_positions_of_each_copy(make):
+    physics = make(3)
+    physics.expand("qpos0")[1, 2] += 1.0
+    for where in (None, torch.tensor([False, True, True], device=physics.device)):
+        physics.step(torch.zeros(3, 6, device=physics.device), 5)
+        physics.reset(where)
+        expected = torch.as_tensor(physics.model.qpos0).expand(3, -1).clone()
+        expected[1, 2] += 1.0
+        rows = slice(None) if where is None else where.cpu()
+        off = physics.qpos.cpu()[rows] - expected[rows]
+        assert off.abs().max() < 1e-6
+
+
+def test_a_parameter_is_read_as_each_copy_has_it(make):
+    physics = make(2)
+    shared = torch.as_tensor(physics.model.body_mass)
+    assert torch.equal(physics.parameter("body_mass").cpu(), shared[None])
+    assert physics.parameter("body_mass") is not physics.parameter("dof_armature")
+    own = physics.expand("body_mass")
+    own[1] *= 2
+    read = physics.parameter("body_mass").cpu().double()
+    torch.testing.assert_close(read, torch.stack([shared, 2 * shared]), rtol=1e-6, atol=0)

@@ -1,9 +1,11 @@
 """Where a run may be: links, files, folders that cannot be written; and a stranger's record."""
 
 import sys
+from pathlib import Path
 
 import pytest
 
+from locomotion import train
 from locomotion.config import as_dict
 from locomotion.options import ConfigError
 from locomotion.runs import RunError, read_config, record, require_writable, typed_record
@@ -59,3 +61,13 @@ def test_a_record_is_changed_before_it_is_typed(configured):
     assert (config.seed, saved["seed"]) == (8, 7)
     with pytest.raises(ConfigError, match="sed is not a key"):
         typed_record(saved, lambda content: content.update(sed=8))
+
+
+@pytest.mark.parametrize("name", ["~", "~root", "a=b, 'c'", "é\udcff", "50% #1", "[a] {b}", "$HOME"])
+def test_a_run_is_resumed_in_a_folder_of_any_name(configured, name, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    train(configured("ppo.iterations=1"), name)
+    train(configured("ppo.iterations=2"), Path(name), resumed=True)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name / "checkpoints" / "000002.ckpt").is_file()
+    assert (tmp_path / name / "learning_curve.png").is_file()

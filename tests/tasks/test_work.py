@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 import torch
 
-from locomotion.envs import LocomotionEnv
+from locomotion.envs import LocomotionEnv, make_task
+from locomotion.physics.options import PhysicsConfig
 from locomotion.robots import ModularRobot, load_robot
-from locomotion.tasks import WalkAway
+from locomotion.tasks import WalkAway, compile_model
 from locomotion.tasks.rewards import Work
 
 CONTROL_STEPS = 4
@@ -86,6 +87,30 @@ def test_it_is_the_integral_whatever_the_timestep(timestep, make, actions, exact
     np.testing.assert_allclose(work, integral(env.model, actions, needed), rtol=1e-4)
     np.testing.assert_allclose(work, exact, rtol=6 * timestep + 2e-3)
     assert min(work) > 0.1
+
+
+def test_work_is_that_of_servos_as_each_robot_has_them(make, actions, stepping):
+    """Some of the torques are at the limit, which is a robot's own too."""
+    env, physics = make(0.01, **stepping), {"strength_scale": 0.6, "damping": 1.2}
+    weak = make_task(load_robot("gecko"), physics=PhysicsConfig(**physics))
+    weak = compile_model(weak, sensors=False)
+    for name in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
+        own = env.physics.expand(name)
+        own[1] = torch.as_tensor(getattr(weak, name)).to(own).reshape(own[1].shape)
+    env.set_state(torch.as_tensor(high_up(env.model)), torch.zeros(env.model.nv))
+    td, work, walked = env.fake_tensordict(), [], []
+    for action in actions:
+        action = torch.as_tensor(action, dtype=torch.float32).to(env.physics.device)
+        sums = torch.zeros(2, dtype=torch.float64, device=env.physics.device)
+        with env.after_substep(lambda physics, sums=sums: sums.add_(physics.hinge_work())):
+            td = env.step(td.set("action", action.expand(2, -1)))["next"]
+        work.append(td["reward"].squeeze(-1).tolist())
+        walked.append(sums.tolist())
+    np.testing.assert_allclose(walked, work, rtol=1e-6)
+    for robot, model in enumerate((env.model, weak)):
+        expected = integral(model, actions, needed)
+        np.testing.assert_allclose([each[robot] for each in work], expected, rtol=1e-4)
+    assert abs(work[0][0] - work[0][1]) > 0.05 * work[0][0]
 
 
 def test_hinges_that_are_held_do_no_work(make):

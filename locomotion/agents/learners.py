@@ -80,13 +80,16 @@ class LearnerConfig(Checked):
             ConfigError: if they do not.
         """
 
-    def make(self, env: EnvBase, network: Network, in_keys: list[str]) -> Learner:
+    def make(
+        self, env: EnvBase, network: Network, in_keys: list[str], critic_keys: list[str]
+    ) -> Learner:
         """Makes the learner.
 
         Args:
             env: the environment, for its specs.
             network: the architecture.
             in_keys: the entries that the policy sees.
+            critic_keys: the entries that a critic sees, those of the policy among them.
         """
         raise NotImplementedError
 
@@ -173,14 +176,17 @@ class PPOConfig(LearnerConfig):
                 " episodes begin decides how a recurrent one computes, which a graph cannot follow"
             )
 
-    def make(self, env: EnvBase, network: Network, in_keys: list[str]) -> Learner:
+    def make(
+        self, env: EnvBase, network: Network, in_keys: list[str], critic_keys: list[str]
+    ) -> Learner:
         from locomotion.agents.ppo import PPO
 
-        self.check_network(network)
+        def sizes(keys: list[str]) -> dict[str, int]:
+            return {name: env.observation_spec[name].shape[-1] for name in keys}
 
-        sizes = {name: env.observation_spec[name].shape[-1] for name in in_keys}
-        actor = network.make_actor(sizes, env.action_spec)
-        critic = network.make_critic(sizes)
+        self.check_network(network)
+        actor = network.make_actor(sizes(in_keys), env.action_spec)
+        critic = network.make_critic(sizes(critic_keys))
         device = env.action_spec.device
         return PPO(
             actor.to(device),

@@ -210,7 +210,7 @@ def register(overrides: Sequence[str] = ()) -> None:
     node = OmegaConf.structured(schema)
     node.robot, node.task = RobotConfig, TaskConfig
     node.robot.name = "${hydra:runtime.choices.robot}"  # of a body that does not say
-    for name in ("obs", "arena", "task", "network", *known):
+    for name in ("obs", "critic", "arena", "task", "network", *known):
         OmegaConf.set_struct(node[name], False)  # their keys are those of what is chosen by name
     ConfigStore.instance().store("locomotion", node)
     OmegaConf.register_new_resolver("locomotion.jobs_at_once", _jobs_at_once, replace=True)

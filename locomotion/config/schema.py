@@ -44,11 +44,13 @@ class Config(Checked):
     Attributes:
         learner: the options of the learner that ``algorithm`` names, its defaults if it is another's; in
             a configuration they stand under that name, such as ``ppo.gamma``.
-        obs: terms by name, each an :class:`~locomotion.envs.observations.ObsTerm`.
+        obs: terms by name, each an :class:`~locomotion.envs.observations.ObsTerm`; the policy sees them.
+        critic: more terms, which the critic alone sees.
     """
 
     robot: RobotConfig = MISSING
     obs: dict[str, Any] = dataclasses.field(default_factory=dict)
+    critic: dict[str, Any] = dataclasses.field(default_factory=dict)
     arena: dict[str, Any] = dataclasses.field(default_factory=dict)
     task: TaskConfig = MISSING
     env: EnvConfig = dataclasses.field(default_factory=EnvConfig)
@@ -77,8 +79,11 @@ class Config(Checked):
         schema = learners.get(self.algorithm, "algorithm")
         if not isinstance(self.learner, schema):
             self.learner = schema()
-        self.obs = typed_terms(self.obs)
+        self.obs, self.critic = typed_terms(self.obs), typed_terms(self.critic, "critic")
+        if not self.obs:
+            raise ConfigError("obs has no term, so the policy would observe nothing")
         check_terms(self.obs)
+        check_terms(self.critic, "critic")
         substeps(self.env.control_frequency, self.physics.timestep)
         terms = zip(self.task.rewards, make_rewards(self.task.rewards), strict=True)
         whole = {name: plain(reward) for name, reward in terms}
@@ -95,7 +100,7 @@ class Config(Checked):
 
 
 #: The parts of a configuration that are chosen as ``GROUP=OPTION``.
-GROUPS = ("robot", "obs", "arena", "task", "physics", "algorithm", "network", "logger")
+GROUPS = ("robot", "obs", "critic", "arena", "task", "physics", "algorithm", "network", "logger")
 
 
 def typed_config(content: Mapping[str, Any], learning: bool = True) -> Config:

@@ -16,16 +16,14 @@ from torchrl.envs import EnvBase
 from locomotion.envs.divergence import Divergence, DivergenceLog
 from locomotion.envs.making import task_and_physics
 from locomotion.envs.observables import add_observables
-from locomotion.envs.specs import FLAGS, make_specs
+from locomotion.envs.specs import FLAGS, READINGS, make_specs
 from locomotion.options import readings as known_readings
 from locomotion.physics import Physics, make_physics
 from locomotion.physics.options import PhysicsConfig
 from locomotion.robots.body import RobotConfig
 from locomotion.tasks import RobotState, WalkAway, compile_model
-from locomotion.tasks.options import EnvConfig, substeps
-
-#: Readings that an environment gives unless it is told others.
-READINGS = ("hinge_position", "hinge_velocity", "core_orientation", "core_position")
+from locomotion.tasks.options import EnvConfig, Start, substeps
+from locomotion.tasks.starts import start_poses
 
 
 class LocomotionEnv(EnvBase):
@@ -55,8 +53,7 @@ class LocomotionEnv(EnvBase):
         settings: for a task in short form, keys of :class:`EnvConfig`.
 
     Raises:
-        ConfigError: for an unknown robot or reading, a body that cannot exist, a value out of range, or
-            physics that this machine cannot do.
+        ConfigError: for what is unknown or out of range, or physics that this machine cannot do.
     """
 
     batch_locked = True
@@ -78,9 +75,8 @@ class LocomotionEnv(EnvBase):
         limits = EnvConfig(num_envs, control_frequency=1 / period, time_limit=time_limit)
         self._readings = {name: known_readings.get(name, "reading") for name in readings}
         # On the CPU TorchRL need not be told: it would look at every tensor for nothing.
-        super().__init__(
-            device=None if physics.device == "cpu" else physics.device, batch_size=[num_envs]
-        )
+        device = None if physics.device == "cpu" else physics.device
+        super().__init__(device=device, batch_size=[num_envs])
         self._task = task
         add_observables(task, tuple(readings))
         sensors = any(reading.sensors for reading in self._readings.values())
@@ -165,16 +161,20 @@ class LocomotionEnv(EnvBase):
         where = None if tensordict is None else tensordict.get("_reset", None)
         if where is not None:
             where = where.reshape(self.num_envs)
+        rows = slice(None) if where is None else where
         # Targets are drawn for all robots, so that a partial reset uses up as much randomness.
         limit = self._task.target_limit
         targets = torch.empty(self.num_envs, self.model.nu, dtype=torch.float64, device="cpu")
         targets = targets.uniform_(-limit, limit, generator=self._generator).to(self._start.device)
         self._physics.reset(where)
+        if self._task.start is Start.any:
+            poses = start_poses(self._task.robot, self.num_envs, self._generator)
+            self._physics.qpos[rows, 2:7] = poses.to(self._start.device)[rows]
         diverged = self._physics.step(targets, self._task.settle_steps, where)
         self._divergences.note(diverged, self._physics, targets)
         if not self._task.settle_steps:
             self._physics.forward(where)
-        self._start_here(slice(None) if where is None else where)
+        self._start_here(rows)
         return self._result(*self._flags())
 
     def _start_here(self, rows: torch.Tensor | slice) -> None:
@@ -184,10 +184,8 @@ class LocomotionEnv(EnvBase):
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         action = tensordict.get("action", None)
         if not isinstance(action, torch.Tensor):
-            raise KeyError(
-                f"a step needs an entry 'action', a tensor of hinge targets (rad) of shape"
-                f" {(self.num_envs, self.model.nu)}; got {action!r}"
-            )
+            wanted = f"hinge targets (rad) of shape {(self.num_envs, self.model.nu)}"
+            raise KeyError(f"a step needs an entry 'action', a tensor of {wanted}; got {action!r}")
         if self._task.needs_work:
             self._work.zero_()
         watch = self._watch if self._hooks or self._task.needs_work else None

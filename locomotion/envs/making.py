@@ -57,8 +57,10 @@ def make_task(
         control_timestep=1 / env.control_frequency,
         physics_timestep=physics.timestep,
         settle_time=env.settle_time,
+        start=env.start,
         target_limit=env.target_limit,
         latency=physics.latency,
+        integrator=physics.integrator,
         clock_frequency=env.clock_frequency,
     )
     made.made_by = made_by

@@ -44,35 +44,44 @@ class ObsTerm(Checked):
         return self.reading or name
 
 
-def typed_terms(options: Mapping[str, Any]) -> dict[str, ObsTerm]:
+def typed_terms(options: Mapping[str, Any], section: str = "obs") -> dict[str, ObsTerm]:
     """Terms from plain values, each by its name; none is a term with default options.
+
+    Args:
+        options: terms by name.
+        section: where they stand in the configuration.
 
     Raises:
         ConfigError: for an unknown key, or a value of the wrong type or range.
     """
     return {
-        name: typed(ObsTerm, term or {}, prefix=f"obs.{name}.") for name, term in options.items()
+        name: typed(ObsTerm, term or {}, prefix=f"{section}.{name}.")
+        for name, term in options.items()
     }
 
 
-def check_terms(terms: Mapping[str, ObsTerm]) -> None:
+def check_terms(terms: Mapping[str, ObsTerm], section: str = "obs") -> None:
     """Raises a :class:`ConfigError` for terms that cannot be observed."""
-    if not terms:
-        raise ConfigError("obs has no term, so the policy would observe nothing")
     for name, term in terms.items():
-        reading = readings.get(term.reading_of(name), f"obs.{name}.reading")
+        reading = readings.get(term.reading_of(name), f"{section}.{name}.reading")
         if term.representation is not None and not reading.quaternion:
             raise ConfigError(
-                f"obs.{name}.representation={term.representation.value} must be null, as"
+                f"{section}.{name}.representation={term.representation.value} must be null, as"
                 f" {term.reading_of(name)} is not an orientation"
             )
 
 
-def make_transforms(terms: Mapping[str, ObsTerm]) -> tuple[list[Transform], list[str]]:
+def make_transforms(
+    terms: Mapping[str, ObsTerm], prefix: str = ""
+) -> tuple[list[Transform], list[str]]:
     """Makes the transforms that write the terms.
 
+    Args:
+        terms: by name.
+        prefix: of the names of the entries that are written.
+
     Returns:
-        The transforms; the entries that the policy sees, one a term.
+        The transforms; the entries to be seen, one a term.
     """
     import torch
     from torchrl.envs import ObservationNorm
@@ -86,17 +95,17 @@ def make_transforms(terms: Mapping[str, ObsTerm]) -> tuple[list[Transform], list
         # What is read as it is needs no transform.
         if term.representation not in (None, Representation.quaternion):
             form = term.representation.value
-            transforms.append(IncludeOrientation(form, [entry], [f"{name}_{form}"]))
-            entry = f"{name}_{form}"
+            transforms.append(IncludeOrientation(form, [entry], [f"{prefix}{name}_{form}"]))
+            entry = f"{prefix}{name}_{form}"
         if term.scale != 1.0:
-            scaled = f"{name}_scaled"
+            scaled = f"{prefix}{name}_scaled"
             with torch.device("cpu"):  # whatever torch's defaults are
                 scale = torch.tensor(term.scale, dtype=torch.float32)
                 shift = torch.zeros_like(scale)
                 transforms.append(ObservationNorm(shift, scale, [entry], [scaled]))
             entry = scaled
         if term.steps > 1:
-            transforms.append(HingeHistory(term.steps, [entry], [f"{name}_history"]))
-            entry = f"{name}_history"
+            transforms.append(HingeHistory(term.steps, [entry], [f"{prefix}{name}_history"]))
+            entry = f"{prefix}{name}_history"
         keys.append(entry)
     return transforms, keys

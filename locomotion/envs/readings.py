@@ -45,6 +45,10 @@ class Reading:
     sensors: bool = False
 
 
+#: Within this distance of the start (m) its direction fades out, as it would turn at every step.
+_NEAR = 0.3
+
+
 def _hinges(task: WalkAway) -> int:
     return len(task.robot.hinges)
 
@@ -54,6 +58,13 @@ def _phase(state: RobotState) -> torch.Tensor:
     phase = angle.new_empty(len(angle), 2)
     phase[:, 0], phase[:, 1] = angle.cos(), angle.sin()
     return phase
+
+
+def _course(state: RobotState) -> torch.Tensor:
+    away = state.xy - state.start
+    course = away.new_zeros(len(away), 3)
+    course[:, :2] = away / away.norm(dim=-1, keepdim=True).clamp(min=_NEAR)
+    return state.in_core_frame(course)
 
 
 def _contact(state: RobotState) -> torch.Tensor:
@@ -114,6 +125,12 @@ _TABLE = {
         "place of the core in the world; robots walk kilometres",
         lambda state: state.field("qpos")[:, :3],
         dtype="float64",
+    ),
+    "course": Reading(
+        lambda task: 3,
+        "",
+        "direction from the start to the core in the core's frame; shorter than 1 within 0.3 m of it",
+        _course,
     ),
     "ground_contact": Reading(
         lambda task: len(task.robot.modules),

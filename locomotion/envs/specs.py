@@ -10,6 +10,8 @@ from torchrl.data import Binary, Bounded, Composite, TensorSpec, Unbounded
 from locomotion.envs.readings import Reading
 from locomotion.tasks import WalkAway
 
+#: Readings that an environment gives unless it is told others.
+READINGS = ("hinge_position", "hinge_velocity", "core_orientation", "core_position")
 #: Entries that say whether an episode ended, and why.
 FLAGS = ("done", "terminated", "truncated")
 

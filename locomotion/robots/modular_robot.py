@@ -149,3 +149,8 @@ class ModularRobot(composer.Entity):
     def standing_height(self) -> float:
         """Height of the core's centre (m) when the robot stands with all hinges at 0."""
         return max(lengths[2] / 2 - centre[2] for _, _, centre, lengths in placed_boxes(self._body))
+
+    @composer.cached_property
+    def overturned_height(self) -> float:
+        """Height of the core's centre (m) when the robot lies upside down with all hinges at 0."""
+        return max(lengths[2] / 2 + centre[2] for _, _, centre, lengths in placed_boxes(self._body))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from locomotion.options.checked import Checked, ConfigError, key
@@ -15,6 +16,20 @@ if TYPE_CHECKING:
 
 #: Length of a physics step (s).
 TIMESTEP = 0.01
+
+
+class Integrator(enum.Enum):
+    """MuJoCo's integrators that can be chosen."""
+
+    implicitfast = "implicitfast"
+    implicit = "implicit"
+
+
+class Start(enum.Enum):
+    """Poses in which episodes start."""
+
+    upright = "upright"
+    any = "any"
 
 
 @dataclasses.dataclass
@@ -30,6 +45,11 @@ class EnvConfig(Checked):
         default=0.5,
         least=0,
         most=3600,
+    )
+    start: Start = key(
+        "pose of the core at the start: upright and facing along x, or any: any heading, and every other"
+        " time overturned",
+        default=Start.upright,
     )
     time_limit: float | None = key(
         "length of an episode (s), then a reset; null: robots walk on for ever",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 import pickle
-import weakref
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,14 +16,14 @@ from dm_env import specs
 
 from locomotion.arenas.ground import Ground
 from locomotion.robots.modular_robot import ModularRobot
-from locomotion.tasks.options import TIMESTEP, EnvConfig, delay_for
+from locomotion.tasks.options import TIMESTEP, EnvConfig, Integrator, Start, delay_for
 from locomotion.tasks.rewards import Distance, Reward
+from locomotion.tasks.starts import start_poses
 from locomotion.tasks.state import RobotState
+from locomotion.tasks.touch import TouchMap, add_touch_sensors
 from locomotion.tasks.work import hinge_work
 
 _DEFAULTS = EnvConfig()
-#: Prefix of the sensors that tell whether a module touches the ground.
-_CONTACT = "contact:"
 #: What makes contacts with a geom other than MuJoCo's default, but for its friction.
 _CONTACT_PROPERTIES = {
     *("dclass", "contype", "conaffinity", "condim", "priority", "solmix", "solref", "solimp"),
@@ -47,10 +46,12 @@ class WalkAway(composer.Task):
         control_timestep: time between actions (s).
         physics_timestep: length of a physics step (s); must divide ``control_timestep``.
         settle_time: how long the robot settles at the start (s).
+        start: pose of the core at the start, before it settles.
         target_limit: hinge targets are clipped to so much to either side (rad).
         latency: how late hinges get their targets (s). MuJoCo keeps the targets that are under way.
             Robots that are stepped together may each have a shorter one, through
             :meth:`Physics.set_latency() <locomotion.physics.Physics.set_latency>`.
+        integrator: MuJoCo's, of velocities.
         clock_frequency: of the reading ``phase_clock`` (Hz).
 
     Attributes:
@@ -69,13 +70,18 @@ class WalkAway(composer.Task):
         control_timestep: float = 1 / _DEFAULTS.control_frequency,
         physics_timestep: float = TIMESTEP,
         settle_time: float = _DEFAULTS.settle_time,
+        start: Start = _DEFAULTS.start,
         target_limit: float = _DEFAULTS.target_limit,
         latency: float = 0.0,
+        integrator: Integrator = Integrator.implicitfast,
         clock_frequency: float = _DEFAULTS.clock_frequency,
     ) -> None:
         self.robot = robot
+        #: Tells which contact sensors are whose: see :class:`~locomotion.tasks.touch.TouchMap`.
+        self.touch_map = TouchMap(robot)
         self.rewards = (Distance(),) if rewards is None else tuple(rewards)
         self.settle_time = settle_time
+        self.start = start
         self.target_limit = target_limit
         self.clock_frequency = clock_frequency
         self._arena = Ground() if arena is None else arena
@@ -84,7 +90,7 @@ class WalkAway(composer.Task):
         frame.pos = (0.0, 0.0, robot.standing_height)
         if plain:
             self._name_contacts()
-        self._sense_contacts()
+        add_touch_sensors(robot, self._arena)
         for actuator in robot.actuators:
             actuator.ctrlrange = (-target_limit, target_limit)  # MuJoCo clips the targets
             if latency:
@@ -93,16 +99,12 @@ class WalkAway(composer.Task):
                 actuator.set_attributes(delay=delay, nsample=samples, interp="zoh")
         option = self._arena.mjcf_model.option
         option.timestep = physics_timestep
-        option.integrator = "implicitfast"
+        option.integrator = integrator.value
         option.flag.island = "disable"  # one robot is one island
         # A state alone decides what comes next, however many steps are taken at a time; and for so
         # few contacts a warm start costs more than it saves.
         option.flag.warmstart = "disable"
         self.set_timesteps(control_timestep, physics_timestep)
-        # dm-control compiles a model anew for every episode.
-        self._touch_maps: weakref.WeakKeyDictionary[mujoco.MjModel, torch.Tensor] = (
-            weakref.WeakKeyDictionary()
-        )
         self._observables: dict[str, observable.Observable] = {}
         self._start = torch.zeros(1, 2, dtype=torch.float64, device="cpu")
         self._work: torch.Tensor | None = None
@@ -131,21 +133,6 @@ class WalkAway(composer.Task):
             geom.set_attributes(contype=2 * (geom in limbs), conaffinity=2 * (geom in limbs))
         for exclusion in self.robot.mjcf_model.contact.get_children("exclude"):
             exclusion.remove()  # a body that is named here is not fused with its parent
-
-    def _sense_contacts(self) -> None:
-        for path, module in self.robot.modules.items():
-            for geom in module.mjcf_model.find_all("geom", exclude_attachments=True):
-                if geom in self.robot.covered_geoms:
-                    continue
-                for number, ground in enumerate(self._arena.ground_geoms):
-                    self._arena.mjcf_model.sensor.add(
-                        "contact",
-                        name=f"{_CONTACT}{path.replace('/', ':')}:{geom.name}:{number}",
-                        geom1=ground,
-                        geom2=geom,
-                        data="found",
-                        num=1,
-                    )
 
     def __reduce__(self) -> tuple[Any, ...]:
         # dm-control's entities hold weak references to one another, which cannot be copied.
@@ -189,31 +176,6 @@ class WalkAway(composer.Task):
             total = total + (paid if reward.weight == 1.0 else reward.weight * paid)
         return total
 
-    def touch_map(self, model: mujoco.MjModel, like: torch.Tensor) -> torch.Tensor:
-        """Which sensors of a compiled model belong to which module.
-
-        Args:
-            model: the model.
-            like: a tensor with the dtype and the device that are wanted.
-
-        Returns:
-            Ones and zeros of shape ``(nsensordata, modules)``, in the order of ``robot.modules``.
-        """
-        known = self._touch_maps.get(model)
-        if known is None or (known.dtype, known.device) != (like.dtype, like.device):
-            known = self._touch_maps[model] = self._make_touch_map(model).to(like)
-        return known
-
-    def _make_touch_map(self, model: mujoco.MjModel) -> torch.Tensor:
-        paths = {path.replace("/", ":"): i for i, path in enumerate(self.robot.modules)}
-        table = torch.zeros(model.nsensordata, len(paths), dtype=torch.float64, device="cpu")
-        for sensor in range(model.nsensor):
-            name = model.sensor(sensor).name
-            if name.startswith(_CONTACT):
-                module = name[len(_CONTACT) :].rsplit(":", 2)[0]
-                table[model.sensor_adr[sensor], paths[module]] = 1.0
-        return table
-
     def state(self, physics: mjcf.Physics) -> RobotState:
         """The robot of a dm-control environment, as the only row."""
 
@@ -232,6 +194,9 @@ class WalkAway(composer.Task):
     def initialize_episode(
         self, physics: mjcf.Physics, random_state: np.random.RandomState
     ) -> None:
+        if self.start is Start.any:
+            generator = torch.Generator().manual_seed(int(random_state.randint(2**31)))
+            physics.data.qpos[2:7] = start_poses(self.robot, 1, generator)[0].numpy()
         limit = self.target_limit
         targets = random_state.uniform(-limit, limit, len(self.robot.hinges))
         physics.bind(self.robot.actuators).ctrl = targets

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from torchrl.collectors import Collector
 from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
@@ -11,7 +11,7 @@ from locomotion.agents.architectures import Network
 from locomotion.agents.learners import Learner
 from locomotion.config import Config
 from locomotion.envs import LocomotionEnv, ResumableEnv, make_task
-from locomotion.envs.observations import make_transforms
+from locomotion.envs.observations import ObsTerm, make_transforms
 from locomotion.envs.resumable import forked_generators
 from locomotion.options import ConfigError
 
@@ -26,28 +26,41 @@ def make_env(
 
     Args:
         config: the run.
-        base_env: an environment in place of the one that is described. Terms of ``config.obs`` whose
-            readings it does not write are left out.
+        base_env: an environment in place of the one that is described. Terms whose readings it does not
+            write are left out.
         transforms: more transforms, after those that write the observations.
         network: an architecture in place of the one that is described.
     """
-    terms = config.obs
-    if base_env is not None:
-        there = base_env.observation_spec.keys(True, True)
-        terms = {name: term for name, term in terms.items() if term.reading_of(name) in there}
-    observing, _ = make_transforms(terms)
     if base_env is None:
         task = make_task(config.robot, config.arena, config.task, config.env, config.physics)
         base_env = LocomotionEnv(
             task,
             config.env.num_envs,
-            readings=list(dict.fromkeys(t.reading_of(name) for name, t in config.obs.items())),
+            readings=_readings(config),
             physics=config.physics,
             time_limit=config.env.time_limit,
             seed=config.seed,
         )
+    observing, _, _ = _observing(config, base_env)
     needed = (network or config.architecture).make_transforms()
     return ResumableEnv(base_env, Compose(*observing, *transforms, *needed))
+
+
+def _readings(config: Config) -> list[str]:
+    terms = [*config.obs.items(), *config.critic.items()]
+    return list(dict.fromkeys(term.reading_of(name) for name, term in terms))
+
+
+def _observing(config: Config, env: EnvBase) -> tuple[list[Transform], list[str], list[str]]:
+    """The transforms that write the terms; the entries of the policy, and those of the critic's own terms."""
+    there = env.observation_spec.keys(True, True)
+
+    def written(terms: Mapping[str, ObsTerm]) -> dict[str, ObsTerm]:
+        return {name: term for name, term in terms.items() if term.reading_of(name) in there}
+
+    transforms, keys = make_transforms(written(config.obs))
+    more, alone = make_transforms(written(config.critic), prefix="critic_")
+    return [*transforms, *more], keys, alone
 
 
 def policy_keys(config: Config) -> list[str]:
@@ -74,6 +87,7 @@ def make_learner(
             number there.
     """
     in_keys = list(policy_keys(config) if in_keys is None else in_keys)
+    critic_keys = list(dict.fromkeys([*in_keys, *_observing(config, env)[2]]))
     there = env.observation_spec.keys(True, True)
     for key in in_keys:
         if key not in there:
@@ -84,7 +98,7 @@ def make_learner(
                 f"the policy is to see {key!r}, which is a number, not a vector;"
                 " UnsqueezeTransform(-1) makes it one"
             )
-    return config.learner.make(env, network or config.architecture, in_keys)
+    return config.learner.make(env, network or config.architecture, in_keys, critic_keys)
 
 
 def make_collector(env: TransformedEnv, learner: Learner, steps: int) -> Collector:

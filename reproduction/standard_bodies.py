@@ -133,12 +133,10 @@ def summary(rows: Sequence[Row]) -> list[str]:
         if chosen:
             means = [fmean(run.speed for run in runs) for runs in chosen]
             start = _mean(chosen, "first") / _mean(chosen, "steady")
-            lines += [
-                "",
-                f"{len(means)} {name}: {fmean(means):.2f} m/s on average, the slowest {min(means):.2f};"
-                f" over the first 20 s {start:.0%} of the speed after that, from any start"
-                f" {_mean(chosen, 'first_from_any') / _mean(chosen, 'steady'):.0%}.",
-            ]
+            any_start = _mean(chosen, "first_from_any") / _mean(chosen, "steady")
+            line = f"{len(means)} {name}: {fmean(means):.2f} m/s on average, the slowest {min(means):.2f}"
+            line += f"; over the first 20 s {start:.0%} of the speed after that, from any start"
+            lines += ["", f"{line} {any_start:.0%}."]
     return lines
 
 

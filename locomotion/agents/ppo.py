@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import torch
@@ -64,27 +65,25 @@ class PPO:
         self._config = config
         self._recurrent = recurrent
         self._device = next(critic.parameters()).device
-        self.advantage = GAE(
-            gamma=config.gamma,
-            lmbda=config.gae_lambda,
-            value_network=critic,
-            average_gae=False,
-            device=self._device,
-        )
-        self.loss = _Loss(
-            actor,
-            critic,
-            clip_epsilon=config.clip_epsilon,
-            entropy_coeff=config.entropy_coeff / num_actions,
-            critic_coeff=1.0,
-            loss_critic_type="l2",
-            normalize_advantage=True,
-            functional=False,  # nothing here swaps parameters
-        )
-        for part in (self.advantage, self.loss):
-            # TorchRL gives its constants torch's default dtype, in which all would be computed.
-            for name, constant in part.named_buffers(recurse=False):
-                setattr(part, name, constant.to(next(critic.parameters()).dtype))
+        # TorchRL gives its constants torch's default dtype, in which all would be computed.
+        with _default_dtype(next(critic.parameters()).dtype):
+            self.advantage = GAE(
+                gamma=config.gamma,
+                lmbda=config.gae_lambda,
+                value_network=critic,
+                average_gae=False,
+                device=self._device,
+            )
+            self.loss = _Loss(
+                actor,
+                critic,
+                clip_epsilon=config.clip_epsilon,
+                entropy_coeff=config.entropy_coeff / num_actions,
+                critic_coeff=1.0,
+                loss_critic_type="l2",
+                normalize_advantage=True,
+                functional=False,  # nothing here swaps parameters
+            )
         self.optimizer = self._make_optimizer()
         self._factor = {
             Schedule.linear: lambda update: max(0.0, 1 - update / config.iterations),
@@ -174,7 +173,7 @@ class PPO:
             if not self._config.cudagraphs:
                 group["lr"] = value
             elif capture:  # a graph reads the number where it was when it was captured
-                group["lr"] = torch.tensor(value, device=self._device)
+                group["lr"] = torch.tensor(value, dtype=torch.float32, device=self._device)
             else:
                 group["lr"].fill_(value)
         if capture:
@@ -219,6 +218,16 @@ class _Loss(ClipPPOLoss):
         # TorchRL's looks in every step whether it is finite, to sample it where it is not. If a
         # Gaussian's is not, nor is the loss, at which PPO.update looks when all is done.
         return dist.entropy().unsqueeze(-1)
+
+
+@contextlib.contextmanager
+def _default_dtype(dtype: torch.dtype) -> Iterator[None]:
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(dtype)
+    try:
+        yield
+    finally:
+        torch.set_default_dtype(before)
 
 
 def _require_finite(name: str, *values: torch.Tensor) -> None:

@@ -165,10 +165,10 @@ def parse(overrides: Sequence[str], where: str) -> list[Override]:
         ConfigError: for anything else.
     """
     parsed = _parsed(normalised(overrides))
-    for override in parsed:
+    for text, override in zip(overrides, parsed, strict=True):
         hydras = override.key_or_group.startswith("hydra")
         if override.is_sweep_override() or override.is_delete() or hydras:
-            raise ConfigError(f"{override.input_line} has no meaning {where}")
+            raise ConfigError(f"{text} has no meaning {where}")
     _import_plugins(parsed)
     return parsed
 

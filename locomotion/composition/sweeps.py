@@ -29,7 +29,7 @@ def configurations(jobs: Sequence[Sequence[str]]) -> Iterator[DictConfig]:
     plain = {
         override.input_line
         for values in swept.values()
-        if len(values) > 1 and _is_key(values[0], {one[0].key_or_group for one in swept.values()})
+        if len(values) > 1 and _is_key(values[0], [one[0].key_or_group for one in swept.values()])
         for override in values
         if not isinstance(override.value(), dict)  # which is merged into what is there
     }

@@ -10,6 +10,8 @@ from scipy import stats
 
 from locomotion.evaluation.walking import Walk, upwards
 
+#: The beginning of a walk (s), in which a gait gets going.
+BEGINNING = 20.0
 #: A walk's course is looked at in strides of this long (s); what is quicker is the gait itself.
 STRIDE = 2.0
 
@@ -34,6 +36,8 @@ class Measure:
 
 MEASURES = {
     "speed": Measure("m/s", "distance over the time of the whole walk"),
+    "first_speed": Measure("m/s", f"the same for the first {BEGINNING:g} s"),
+    "steady_speed": Measure("m/s", f"the same for what comes after {BEGINNING:g} s"),
     "distance": Measure("m", "from where it started to where it ended"),
     "straightness": Measure("", "distance over length of path; 1 is a straight line"),
     "heading_drift": Measure("°/min", "how fast the direction of travel turns"),
@@ -59,7 +63,8 @@ def speed(place: torch.Tensor, seconds: float) -> torch.Tensor:
 def measure(walk: Walk) -> dict[str, torch.Tensor]:
     """The measures of each robot, by name, float64 of shape ``(robots,)``.
 
-    Work and rolls are left out if the walk does not tell.
+    Work and rolls are left out if the walk does not tell, and the speeds of its parts if it is over before
+    :data:`BEGINNING`.
 
     - Path: the length of the line through where the core was every :data:`STRIDE` seconds.
     - Heading drift: the angle between the way gone in the first half and in the second, over half the
@@ -81,6 +86,7 @@ def measure(walk: Walk) -> dict[str, torch.Tensor]:
     first, second = place[half] - place[0], place[-1] - place[half]
     found = {
         "speed": speed(place, seconds),
+        **_parts(place, walk.period),
         "distance": distance,
         "straightness": distance / path,
         "heading_drift": math.degrees(1) * _angle(first, second) / (seconds / 120),
@@ -93,6 +99,17 @@ def measure(walk: Walk) -> dict[str, torch.Tensor]:
         value[walk.diverged] = math.nan
     found["diverged"] = walk.diverged.double()
     return found
+
+
+def _parts(place: torch.Tensor, period: float) -> dict[str, torch.Tensor]:
+    turn = round(BEGINNING / period)
+    if turn >= len(place) - 1:
+        return {}
+    rest = (len(place) - 1 - turn) * period
+    return {
+        "first_speed": speed(place[: turn + 1], turn * period),
+        "steady_speed": speed(place[turn:], rest),
+    }
 
 
 def _angle(one: torch.Tensor, other: torch.Tensor) -> torch.Tensor:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import math
 import numbers
 import typing
@@ -61,6 +62,9 @@ def limits(field: dataclasses.Field) -> list[str]:
     return [f"{word} {bound:g}" for word, bound in bounds if bound is not None]
 
 
+_hints = functools.cache(typing.get_type_hints)
+
+
 def fitted(kind: Any, value: Any) -> Any:
     """A value with numbers of Python: numpy's become those, and 2.0 an integer where one is meant.
 
@@ -69,7 +73,7 @@ def fitted(kind: Any, value: Any) -> Any:
         value: a number, or mappings and lists of them; anything else is returned as it is.
     """
     if dataclasses.is_dataclass(kind) and isinstance(value, Mapping):
-        kinds = typing.get_type_hints(kind)
+        kinds = _hints(kind)
         return {name: fitted(kinds.get(name), part) for name, part in value.items()}
     inner = typing.get_args(kind)
     if isinstance(value, Mapping):

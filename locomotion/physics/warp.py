@@ -75,18 +75,23 @@ class WarpPhysics(Physics):
                 njmax_nnz=rows * model.nv,  # Warp's guess for long bodies could be too small
             )
             # Warp's arrays, seen by torch.
-            self._time32 = wp.to_torch(self._data.time)
-            self._qpos32 = wp.to_torch(self._data.qpos)
-            self._qvel32 = wp.to_torch(self._data.qvel)
-            self._control = wp.to_torch(self._data.ctrl)
-            self._overflow = wp.to_torch(self._data.overflow)
-            self._under_way = wp.to_torch(self._data.history) if model.nhistory else None
+            self._time32 = self._seen(self._data.time)
+            self._qpos32 = self._seen(self._data.qpos)
+            self._qvel32 = self._seen(self._data.qvel)
+            self._control = self._seen(self._data.ctrl)
+            self._overflow = self._seen(self._data.overflow)
+            self._under_way = self._seen(self._data.history) if model.nhistory else None
             self._moments = torch.as_tensor(_history_times(model), device=self.device)
             mjw.step(self._model, self._data)  # loads all kernels, before any capture
         # From here on all is done on torch's stream, and the above was not.
         wp.synchronize_device(self._warp_device)
         self._overflow.zero_()
         self.reset()
+
+    def _seen(self, array: wp.array) -> torch.Tensor:
+        """A view for torch, whatever torch's default device is."""
+        with self.device:
+            return wp.to_torch(array)
 
     def _arguments(self) -> tuple[Any, ...]:
         return self.model, self.num_envs, str(self.device), self.contacts
@@ -106,7 +111,7 @@ class WarpPhysics(Physics):
             return getattr(self, name)
         if name not in self._fields:
             self._require_open()
-            self._fields[name] = wp.to_torch(getattr(self._data, name))
+            self._fields[name] = self._seen(getattr(self._data, name))
             self.forward()
         return self._fields[name]
 
@@ -120,7 +125,7 @@ class WarpPhysics(Physics):
         own = wp.array(repeated, dtype=shared.dtype, device=self._warp_device)
         setattr(self._model, name, own)
         self._graphs.clear()  # they read the shared one
-        return wp.to_torch(own)
+        return self._seen(own)
 
     def set_const(self) -> None:
         self._require_open()
@@ -209,7 +214,7 @@ class WarpPhysics(Physics):
     def _cleanse(self, wrong: torch.Tensor) -> None:
         # Warp multiplies constraints that are no longer there by 0, which leaves a nan what it is.
         for left_over in (self._data.efc.J, self._data.efc.D):
-            wp.to_torch(left_over)[wrong] = 0.0
+            self._seen(left_over)[wrong] = 0.0
 
     def state_dict(self) -> dict[str, Any]:
         self._require_open()

@@ -97,7 +97,8 @@ def typed_record(
 ) -> Config:
     """A run from the configuration it was started with, which may be a stranger's.
 
-    Its plugins are not imported. Without learning, what the run was shown in need not be installed.
+    Its plugins are not imported. Without learning, what the run was shown in need not be installed, and
+    what its critic alone sees need not be read.
 
     Args:
         saved: plain values, as :func:`read_config` returns them.
@@ -109,7 +110,7 @@ def typed_record(
     """
     content = OmegaConf.create({**saved, "plugins": []})
     if not learning:
-        content.logger = {}
+        content.logger = content.critic = {}
     change(content)
     return typed_config(content, learning)
 

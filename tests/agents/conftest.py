@@ -37,7 +37,7 @@ def experience(target_env):
         network = NETWORKS[network]()
         env = TransformedEnv(target_env(ROBOTS, length), Compose(*network.make_transforms()))
         settings = {"steps": STEPS, "minibatch_size": ROBOTS * STEPS, "epochs": 1, "iterations": 4}
-        learner = PPOConfig(**{**settings, **options}).make(env, network, ["target"])
+        learner = PPOConfig(**{**settings, **options}).make(env, network, ["target"], ["target"])
         frames = ROBOTS * STEPS
         collector = Collector(
             env,

@@ -14,7 +14,10 @@ from locomotion.options import conf_dir
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["hydra/sweeper=basic"], "hydra/sweeper=basic is not allowed; choose from hydra/sweeper=gr"),
+        (
+            ["hydra/sweeper=basic"],
+            "hydra/sweeper=basic is not allowed; choose from hydra/sweeper=gr",
+        ),
         (["hydra/launcher=mine"], "hydra/launcher=mine is unknown; choose from basic, "),
         (["hydra/sweeper=mine"], "hydra/sweeper=mine is unknown; choose from basic"),
         (["hydra.launcher._target_=os.system"], "hydra.launcher._target_=os.system is fixed"),

@@ -153,7 +153,7 @@ def test_help_names_every_key(name, call):
         ("evaluate", ["~physics"], "~physics has no meaning"),
         ("evaluate", ["hydra.run.dir=x"], "hydra.run.dir=x has no meaning"),
         ("evaluate", ["--multirun"], "--multirun is not a flag of this command"),
-        ("evaluate", ["gecko"], "'gecko'"),
+        ("evaluate", ["gecko"], "gecko is not KEY=VALUE"),
         (
             "evaluate",
             ["physics.latency=9.9", "reality_check=true"],

@@ -4,6 +4,7 @@ import os
 import pty
 import subprocess
 import sys
+import termios
 import time
 
 import hydra
@@ -152,6 +153,7 @@ def test_checking_a_job_more_takes_a_fraction_of_composing_one():
 
 def test_a_long_check_says_what_it_does(tmp_path):
     screen, terminal = pty.openpty()
+    termios.tcsetwinsize(terminal, (24, 80))
     line = [sys.executable, "-m", "locomotion.train", "--multirun", "hydra.sweep.dir=x"]
     line += ["seed=range(200)", "physics.threads=1,2,3", "ppo.epochs=range(1,9)"]
     with subprocess.Popen(line, cwd=tmp_path, stderr=terminal, stdout=terminal) as process:

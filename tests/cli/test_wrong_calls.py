@@ -78,7 +78,7 @@ import pytest
         (["physics.timestep=fast"], "physics.timestep=fast"),
         (["robot.body=gecko"], "robot.body=gecko"),
         (["ppo=3"], "ppo=3"),
-        (["ppo.epochs"], "Error parsing override 'ppo.epochs'"),
+        (["ppo.epochs"], "ppo.epochs is not KEY=VALUE"),
         (["network.hidden=32"], "network.hidden"),
         (["plugins=my_gaits"], "plugins=my_gaits"),
         # Values out of range, and absurd ones.

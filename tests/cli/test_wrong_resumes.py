@@ -44,7 +44,7 @@ def interrupted(tmp_path):
         (["hydra.run.dir=x"], "hydra.run.dir=x has no meaning with resume=FOLDER"),
         (["seed=0,1"], "seed=0,1 has no meaning with resume=FOLDER"),
         (["~seed"], "~seed has no meaning with resume=FOLDER"),
-        (["ppo.iterations"], "Error parsing override 'ppo.iterations'"),
+        (["ppo.iterations"], "ppo.iterations is not KEY=VALUE"),
         (["--multirun"], "resume=FOLDER resumes one run, with KEY=VALUE and without flags"),
         (["--help"], "resume=FOLDER resumes one run, with KEY=VALUE and without flags"),
         (["--config-dir=."], "resume=FOLDER resumes one run, with KEY=VALUE and without flags"),

@@ -19,9 +19,12 @@ def lowest(model, qpos):
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
-    boxes = [geom for geom in range(model.ngeom) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX]
+    boxes = [
+        geom for geom in range(model.ngeom) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX
+    ]
     return min(
-        data.geom_xpos[geom][2] - np.abs(data.geom_xmat[geom].reshape(3, 3)[2]) @ model.geom_size[geom]
+        data.geom_xpos[geom][2]
+        - np.abs(data.geom_xmat[geom].reshape(3, 3)[2]) @ model.geom_size[geom]
         for geom in boxes
     )
 
@@ -30,7 +33,9 @@ def lowest(model, qpos):
 def test_robots_start_on_the_ground_with_any_heading_and_half_of_them_overturned(robot):
     env = LocomotionEnv(robot, 200, start="any", settle_time=0.0, seed=0)
     env.reset()
-    assert all(lowest(env.model, qpos) == pytest.approx(0, abs=1e-9) for qpos in env.physics.qpos[:20])
+    assert all(
+        lowest(env.model, qpos) == pytest.approx(0, abs=1e-9) for qpos in env.physics.qpos[:20]
+    )
     w, x, y, z = env.physics.qpos[:, 3:7].unbind(-1)
     up = 1 - 2 * (x**2 + y**2)
     torch.testing.assert_close(up.abs(), torch.ones_like(up))

@@ -40,6 +40,16 @@ def test_a_straight_line():
     assert {name: value.item() for name, value in found.items()} == pytest.approx(expected)
 
 
+def test_a_walk_that_takes_time_to_get_going():
+    # 20 s at 0.1 m/s, then 10 s at 0.4 m/s across.
+    places = [(0.025 * step, 0.0) for step in range(81)]
+    places += [(2.0, 0.1 * step) for step in range(1, 41)]
+    found = measure(made_up(places))
+    assert found["first_speed"].item() == pytest.approx(0.1)
+    assert found["steady_speed"].item() == pytest.approx(0.4)
+    assert found["speed"].item() == pytest.approx(math.hypot(2.0, 4.0) / 30)
+
+
 def test_a_quarter_circle_drifts():
     angles = np.linspace(0, math.pi / 2, 241)  # one minute
     circle = 20 * np.stack([np.sin(angles), 1 - np.cos(angles)], 1)

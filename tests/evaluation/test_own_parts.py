@@ -21,7 +21,9 @@ PARTS = {
     "transforms": lambda: [ObservationNorm(0.0, 100.0, ["hinge_position"])],
     "in_keys": lambda: ["core_orientation"],
     "network": lambda: MLP(width=16),
-    "learner": lambda: lambda env: compose(*SMALL).learner.make(env, MLP(), ["hinge_position"]),
+    "learner": lambda: (
+        lambda env: compose(*SMALL).learner.make(env, MLP(), ["hinge_position"], ["hinge_position"])
+    ),
 }
 
 

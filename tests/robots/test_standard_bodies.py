@@ -21,7 +21,9 @@ LENGTH = 0.04525 / 2 + 0.0299 + 0.0583 / 2 + 0.002
 
 
 def step(x, y, degrees_about_z):
-    return RigidTransform.from_components([x, y, 0], Rotation.from_euler("z", degrees_about_z, True))
+    return RigidTransform.from_components(
+        [x, y, 0], Rotation.from_euler("z", degrees_about_z, True)
+    )
 
 
 FACES = {

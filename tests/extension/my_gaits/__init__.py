@@ -83,7 +83,7 @@ class RandomSearchConfig(LearnerConfig):
 
     deviation: float = key("of the perturbation of each weight", default=0.1, above=0)
 
-    def make(self, env, network, in_keys):
+    def make(self, env, network, in_keys, critic_keys):
         sizes = {name: env.observation_spec[name].shape[-1] for name in in_keys}
         return RandomSearch(network.make_actor(sizes, env.action_spec), self.deviation)
 

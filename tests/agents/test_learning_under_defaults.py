@@ -44,7 +44,7 @@ def test_a_learner_has_the_same_weights_and_learns_the_same(network, others_defa
         architecture, base = NETWORKS[network](), environments.pop()
         env = TransformedEnv(base, Compose(*architecture.make_transforms()))
         config = PPOConfig(steps=10, minibatch_size=20, epochs=2, iterations=4, max_grad_norm=1.0)
-        learner = config.make(env, architecture, ["target"])
+        learner = config.make(env, architecture, ["target"], ["target"])
         if not batches:
             collector = Collector(
                 env,

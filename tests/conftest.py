@@ -13,6 +13,7 @@ _no_warp = pytest.mark.skipif(
     importlib.util.find_spec("mujoco_warp") is None,
     reason="needs packages: pip install -e '.[warp]'",
 )
+_slow = pytest.mark.slow  # Warp compiles kernels when it is first used on a machine
 _no_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU here")
 
 
@@ -20,8 +21,8 @@ _no_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no 
     scope="session",
     params=[
         pytest.param({"backend": "threaded", "threads": 2}, id="threaded"),
-        pytest.param({"backend": "warp", "device": "cpu"}, id="warp", marks=_no_warp),
-        pytest.param({"backend": "warp", "device": "cuda:0"}, id="gpu", marks=[_no_warp, _no_gpu]),
+        pytest.param({"backend": "warp", "device": "cpu"}, id="warp", marks=[_no_warp, _slow]),
+        pytest.param({"backend": "warp", "device": "cuda:0"}, id="gpu", marks=[_no_warp, _no_gpu, _slow]),
     ],
 )
 def stepping(request):

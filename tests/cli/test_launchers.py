@@ -10,6 +10,8 @@ from locomotion import compose
 from locomotion.cli.composing import compose_jobs
 from locomotion.options import conf_dir
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(
     ("arguments", "message"),

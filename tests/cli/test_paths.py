@@ -14,6 +14,8 @@ from locomotion.cli.composing import compose_jobs, normalised, parse
 from locomotion.options import ConfigError
 from locomotion.options.paths import quoted, read_path
 
+pytestmark = pytest.mark.slow
+
 
 @st.composite
 def names(draw):

@@ -5,6 +5,8 @@ import textwrap
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 PLUGIN = textwrap.dedent(
     '''
     """Adds a choice of every kind; leaves a file where it is imported."""

@@ -19,6 +19,8 @@ from locomotion.runs.checkpoints import Checkpoints
 from locomotion.training.build import make_env, make_learner
 from locomotion.training.execute import execute
 
+pytestmark = pytest.mark.slow
+
 COMMANDS = {"evaluate": evaluate, "watch": watch, "export": export}
 
 

@@ -12,6 +12,8 @@ import pytest
 import locomotion
 from locomotion.runs.checkpoints import saved
 
+pytestmark = pytest.mark.slow
+
 ENCODINGS = [
     {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
     {"PYTHONIOENCODING": "cp932"},

@@ -17,6 +17,8 @@ from locomotion.cli.composing import compose_jobs, normalised
 from locomotion.composition import application
 from locomotion.config import as_dict, typed_config
 
+pytestmark = pytest.mark.slow
+
 LISTS = {
     "seed=range(3)": [0, 1, 2],
     "seed=range(start=1,stop=6,step=2)": [1, 3, 5],

@@ -7,6 +7,8 @@ from locomotion.cli.composing import compose_jobs, normalised
 from locomotion.config import as_dict
 from locomotion.runs import record
 
+pytestmark = pytest.mark.slow
+
 
 def finish(folder, *overrides):
     """Leaves in a folder what a finished run leaves there."""

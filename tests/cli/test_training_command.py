@@ -6,6 +6,8 @@ import json
 import pytest
 import yaml
 
+pytestmark = pytest.mark.slow
+
 TIMINGS = {"collect_seconds", "update_seconds"}
 
 

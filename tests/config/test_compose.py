@@ -66,6 +66,7 @@ def test_terms_are_changed_added_and_removed_by_their_keys():
     assert [*compose("~obs.core_orientation").obs] == ["hinge_position"]
 
 
+@pytest.mark.slow
 def test_every_choice_composes():
     for override in (
         *("robot=ant", "task=turn", "task=walk_along", "physics=warp", "network=gru"),
@@ -166,6 +167,7 @@ HOST = textwrap.dedent(
 )
 
 
+@pytest.mark.slow
 def test_it_trains_inside_somebody_elses_sweep(tmp_path):
     (tmp_path / "host.py").write_text(HOST)
     command = [sys.executable, "host.py", "--multirun", "seed=5,6", "hydra.job.chdir=true"]
@@ -181,6 +183,7 @@ def test_it_trains_inside_somebody_elses_sweep(tmp_path):
     assert len(list(tmp_path.glob("multirun/*/*/*/run/metrics.csv"))) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "module",
     ["envs.readings", "tasks.rewards", "arenas.choices", "agents.learners", "cli.composing"],

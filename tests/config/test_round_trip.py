@@ -13,6 +13,8 @@ from locomotion.config import as_dict, typed_config
 from locomotion.options import ConfigError, choices
 from locomotion.runs import differences, read_config, record
 
+pytestmark = pytest.mark.slow
+
 GROUPS = ("robot", "obs", "arena", "task", "physics", "algorithm", "network", "logger")
 
 

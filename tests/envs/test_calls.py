@@ -10,6 +10,8 @@ from torchrl.envs import Compose, TransformedEnv
 from locomotion.envs import LocomotionEnv, ResumableEnv
 from locomotion.transforms import HingeHistory
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("wrapped", [False, True])
 def test_a_reset_with_a_seed_begins_as_one_after_set_seed(wrapped, make):

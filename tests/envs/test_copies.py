@@ -18,6 +18,8 @@ from locomotion.tasks import WalkAway
 from locomotion.tasks.rewards import Distance, Work
 from locomotion.transforms import HingeHistory, SensorNoise
 
+pytestmark = pytest.mark.slow
+
 WAYS = {
     "deep": copy.deepcopy,
     "pickled": lambda env: pickle.loads(pickle.dumps(env)),

@@ -202,7 +202,7 @@ def test_an_episode_never_ends_unless_there_is_a_time_limit(make):
     assert not rollout["next", "terminated"].any()
 
 
-@pytest.mark.parametrize("batched", [SerialEnv, ParallelEnv])
+@pytest.mark.parametrize("batched", [SerialEnv, pytest.param(ParallelEnv, marks=pytest.mark.slow)])
 def test_torchrls_batched_environments_take_it(batched):
     env = batched(2, partial(LocomotionEnv, "gecko", 3, physics={"threads": 1}))
     try:

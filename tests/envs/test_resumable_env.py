@@ -62,7 +62,7 @@ TRANSFORMS = {
 }
 
 # TorchRL finds its own VecNormV2 experimental for environments with a batch.
-pytestmark = pytest.mark.filterwarnings("ignore:Support of VecNormV2")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:Support of VecNormV2")]
 
 
 def gecko(*transforms, physics=None, **settings):

@@ -11,6 +11,8 @@ from locomotion.envs.observations import make_transforms, typed_terms
 from locomotion.options import readings
 from locomotion.transforms import IncludeOrientation, SensorNoise
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(params=["float64", "float16", "meta"])
 def others_defaults(request):

@@ -20,6 +20,8 @@ from locomotion.export import ExportConfig, export
 from locomotion.runs.checkpoints import Checkpoints
 from locomotion.training.build import make_env, make_learner
 
+pytestmark = pytest.mark.slow
+
 SCRIPT = Path(__file__).parents[2] / "docs" / "walk_without_torch.py"
 TERMS = {
     "mixed": """

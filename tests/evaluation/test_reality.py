@@ -8,6 +8,8 @@ import torch
 from locomotion import compose
 from locomotion.evaluation import CHANGES, Disturbances, make_walker, measure, planned, shares, walk
 
+pytestmark = pytest.mark.slow
+
 ROWS = [
     *("physics.timestep=0.001", "physics.self_collision=true"),
     *("physics.friction=0.5", "physics.friction=1.5"),

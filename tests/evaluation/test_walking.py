@@ -13,6 +13,8 @@ from locomotion.evaluation.walking import PUSH_INTERVAL
 from locomotion.runs.checkpoints import Checkpoints
 from locomotion.training.build import make_env, make_learner
 
+pytestmark = pytest.mark.slow
+
 
 def test_work_is_that_of_servos_in_mujocos_own_steps(scripted):
     weak = "physics.stiffness=5"  # so that torques reach their limit

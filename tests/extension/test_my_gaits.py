@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).parent
 CONTRIBUTING = HERE.parents[1] / "CONTRIBUTING.md"
 

@@ -7,6 +7,8 @@ from locomotion.evaluation import make_walker, measure, walk
 from locomotion.evaluation.shipped import POLICIES
 from locomotion.runs import read_config
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def speed():

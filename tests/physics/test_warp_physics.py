@@ -8,6 +8,8 @@ from locomotion.options import ConfigError, load_file
 from locomotion.options.files import conf_dir
 from locomotion.physics.options import PhysicsConfig
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("warp", reason="needs packages: pip install -e '.[warp]'")
 
 

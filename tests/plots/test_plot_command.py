@@ -7,6 +7,8 @@ import pytest
 
 from locomotion import plot
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def draw(monkeypatch, tmp_path):

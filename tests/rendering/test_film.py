@@ -12,7 +12,7 @@ from locomotion.envs import LocomotionEnv
 from locomotion.evaluation import Walker
 from locomotion.rendering import record_motion, write_film
 
-pytestmark = pytest.mark.usefixtures("drawing")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("drawing")]
 
 
 def test_a_film_shows_the_robot_its_path_and_a_caption(run, is_like, tmp_path):

@@ -7,6 +7,8 @@ import pytest
 
 from locomotion.rendering.graphics import has_screen
 
+pytestmark = pytest.mark.slow
+
 FILM = ("seconds=0.25", "fps=4", "width=64", "height=64", "output=gait.gif")
 NOTEBOOK = "module://no_such_package.backend_inline"
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a screen")

@@ -9,6 +9,8 @@ import pytest
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
+pytestmark = pytest.mark.slow
+
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 
 

@@ -11,6 +11,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from locomotion.options import choices
 from locomotion.robots import ModularRobot, load_robot
 
+pytestmark = pytest.mark.slow
+
 #: Module, quarter turns and children of each module, as Revolve2 has them.
 BODIES = json.loads(Path(__file__).with_name("revolve2_v1.json").read_text(encoding="utf-8"))
 MASSES = {"core": 0.250, "brick": 0.030, "hinge": 0.011 + 0.058}

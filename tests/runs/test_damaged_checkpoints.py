@@ -11,6 +11,8 @@ from locomotion.runs import RunError
 from locomotion.runs.checkpoints import Checkpoints, path_of
 from locomotion.training.build import make_env, make_learner
 
+pytestmark = pytest.mark.slow
+
 DAMAGES = {
     "cut": lambda content: content[: len(content) // 2],
     "emptied": lambda content: b"",

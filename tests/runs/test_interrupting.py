@@ -12,6 +12,8 @@ from locomotion import train
 from locomotion.runs import RunError
 from locomotion.runs.checkpoints import path_of, saved
 
+pytestmark = pytest.mark.slow
+
 
 def command(*overrides):
     return [sys.executable, "-m", "locomotion.train", *overrides]

@@ -20,7 +20,7 @@ from locomotion.runs.checkpoints import path_of
 from locomotion.transforms import HingeHistory, SensorNoise
 
 # TorchRL finds its own VecNormV2 experimental for environments with a batch.
-pytestmark = pytest.mark.filterwarnings("ignore:Support of VecNormV2")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:Support of VecNormV2")]
 HINGES = "hinge_position"
 
 #: By name: overrides, and makers of what is passed.

@@ -30,6 +30,7 @@ def test_differences_are_named_by_key_unless_they_change_no_number(configured, t
     assert found["network.hidden"] == ("network.hidden=[32]", "no network.hidden")
 
 
+@pytest.mark.slow
 def test_a_run_is_finished_when_all_of_it_is_there(configured, whole, left_after, tmp_path):
     assert is_finished(whole, configured())
     assert not is_finished(tmp_path / "not there", configured())

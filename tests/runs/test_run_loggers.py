@@ -17,6 +17,8 @@ from locomotion.rendering.graphics import has_graphics
 from locomotion.runs.checkpoints import path_of
 from locomotion.training.execute import execute
 
+pytestmark = pytest.mark.slow
+
 TINY = ("ppo.iterations=2", "ppo.steps=4", "ppo.minibatch_size=6", "seed=5")
 
 

@@ -10,6 +10,8 @@ from locomotion.config import as_dict
 from locomotion.options import ConfigError
 from locomotion.runs import RunError, read_config, record, require_writable, typed_record
 
+pytestmark = pytest.mark.slow
+
 
 def test_a_link_to_a_folder_is_a_folder(configured, tmp_path):
     (tmp_path / "there").mkdir()

@@ -14,6 +14,8 @@ from locomotion.runs import RunStopped
 from locomotion.runs.checkpoints import path_of, saved
 from locomotion.training.build import make_learner
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(("done", "share"), [(2, 0.99), (0, 0.2)])
 def test_a_full_disk_stops_the_run_and_leaves_what_was_there(

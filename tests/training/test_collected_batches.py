@@ -11,6 +11,8 @@ from locomotion.envs import LocomotionEnv
 from locomotion.envs.observations import make_transforms
 from locomotion.training.build import make_collector, make_env, make_learner, policy_keys
 
+pytestmark = pytest.mark.slow
+
 FLAGS = ["done", "terminated", "truncated"]
 SENSED = ["hinge_position", "core_orientation"]
 

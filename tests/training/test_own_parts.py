@@ -14,6 +14,8 @@ from locomotion.envs import LocomotionEnv
 from locomotion.options import ConfigError
 from locomotion.training.build import make_learner
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def kept(keeping):

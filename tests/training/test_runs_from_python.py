@@ -14,6 +14,8 @@ from locomotion.runs import RunError, read_config
 from locomotion.runs.checkpoints import Checkpoints
 from locomotion.training.build import make_env, make_learner
 
+pytestmark = pytest.mark.slow
+
 
 def test_it_leaves_a_record_metrics_checkpoints_and_a_picture(configured, rows, tmp_path):
     folder = tmp_path / "not" / "yet" / "there"

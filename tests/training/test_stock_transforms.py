@@ -29,7 +29,7 @@ from locomotion.training.build import make_learner
 from locomotion.transforms import HingeHistory, SensorNoise
 
 # TorchRL finds its own VecNormV2 experimental for environments with a batch.
-pytestmark = pytest.mark.filterwarnings("ignore:Support of VecNormV2")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:Support of VecNormV2")]
 HINGES = "hinge_position"
 
 

@@ -151,7 +151,7 @@ def test_its_state_is_its_memory(counting_env):
         assert torch.equal(found[key], expected[key])
 
 
-@pytest.mark.parametrize("batched", [SerialEnv, ParallelEnv])
+@pytest.mark.parametrize("batched", [SerialEnv, pytest.param(ParallelEnv, marks=pytest.mark.slow)])
 def test_specs_hold_inside_and_outside_batched_environments(batched):
     check_env_specs(remembering_pendulum())
     for env in (

@@ -19,6 +19,8 @@ from locomotion.rendering.motion import record_motion
 from locomotion.runs import read_config
 from locomotion.training.build import make_collector, make_env, make_learner
 
+pytestmark = pytest.mark.slow
+
 SMALL = [
     *("env.num_envs=4", "env.time_limit=2", "ppo.steps=8", "ppo.minibatch_size=16"),
     *("ppo.iterations=4", "checkpoint_interval=2", "physics=warp", "+obs=history3"),

@@ -14,6 +14,8 @@ from locomotion.options import ConfigError
 from locomotion.runs import RunError
 from locomotion.training.build import make_env
 
+pytestmark = pytest.mark.slow
+
 SMALL = ("env.num_envs=2", "ppo.steps=2", "ppo.minibatch_size=2", "ppo.iterations=1")
 #: By the argument: how it is made for a run of two robots.
 PARTS = {

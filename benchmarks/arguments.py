@@ -1,4 +1,4 @@
-"""What the benchmarks' commands have in common."""
+"""Arguments that the benchmarks' commands have in common."""
 
 from __future__ import annotations
 

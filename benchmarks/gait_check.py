@@ -12,7 +12,7 @@ from benchmarks.gymnasium_env import WalkAwayEnv
 
 
 def largest_difference(robot: Robot, steps: int = 20) -> float:
-    """How far observations and rewards of a robot come apart that does the same in both environments.
+    """The differences of observations and rewards of a robot that does the same in both environments.
 
     Both begin in one state and are given the same targets, some of which are out of bounds. Observations
     count from where histories hold nothing from before.

@@ -20,7 +20,7 @@ class Curve:
 
     A point is the mean reward over the last :data:`WINDOW` control steps, so that sides whose iterations
     differ in size are averaged alike. Where a window begins within an iteration, the iteration's control
-    steps count with its mean. There is no point before the first window is full.
+    steps count with its mean. The first point is there once a window is full.
 
     Attributes:
         seconds: since the process was started, shape ``(points,)``.

@@ -112,7 +112,7 @@ def _time_row(name: str, runs: list[Run], reward: float, bare: list[float]) -> R
 
 
 def _aims(found: Measured, robot: str, sides: dict[str, list[Run]]) -> Iterator[Row]:
-    """How many times as fast as the best of the others the best of ours is, turn by turn."""
+    """The speed of the best of ours relative to the best of the others, turn by turn."""
     times = {
         side: [Curve.of(run).walks_from(REWARDS[0])[0] for run in runs]
         for side, runs in sides.items()

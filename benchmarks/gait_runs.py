@@ -32,7 +32,7 @@ class SideFailed(Exception):
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """What a side may use.
+    """The resources of a side.
 
     Attributes:
         seconds: after which it is ended, its start included.
@@ -47,7 +47,7 @@ class Limits:
 
 @dataclasses.dataclass
 class Run:
-    """What a side did.
+    """The record of a side.
 
     Attributes:
         side: its name.
@@ -170,7 +170,7 @@ def _watch(task: Task, limits: Limits, log: Path) -> int | None:
 
 
 def bare_seconds(robot: Robot, robots: int, steps: int) -> float:
-    """How long bare MuJoCo takes for control steps of a robot under random targets (s).
+    """The time that bare MuJoCo takes for control steps of a robot under random targets (s).
 
     Args:
         robot: the robot.

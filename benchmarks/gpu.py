@@ -1,6 +1,6 @@
-"""How fast MuJoCo Warp trains on a GPU: ``python -m benchmarks.gpu``.
+"""Measures how fast MuJoCo Warp trains on a GPU: ``python -m benchmarks.gpu``.
 
-For growing numbers of robots: control steps a second of training's collector beside the same on two
+For growing numbers of robots: control steps a second of training's collector, and of the same on two
 cores with threaded physics, what share of bare MuJoCo Warp that is, memory, and where the time goes.
 Then the update with captured gradient steps, and whole runs: the report's, its control steps with 4,096
 robots, and ``+experiment=gpu`` with and without captured steps. Without a GPU it says so.
@@ -18,7 +18,7 @@ from benchmarks.arguments import Parser
 from benchmarks.gpu_measures import FULL, QUICK, Effort, apart, measure_run, measure_training
 from benchmarks.rows import Row, load, machine, table
 
-DESCRIPTION = "Measures training on a GPU beside training on two cores, in one table."
+DESCRIPTION = "Measures training on a GPU and on two cores, in one table."
 
 NOTES = """\
 Control steps a second: of training's collector, with policy, observations and storage; the networks

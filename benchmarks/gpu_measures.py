@@ -24,7 +24,7 @@ REPORTED = 0.087
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """How much is measured.
+    """The amount that is measured.
 
     Attributes:
         turns: batches that are timed.
@@ -148,7 +148,7 @@ def _measure_training(
 
 
 def measure_run(name: str, overrides: tuple[str, ...], device: str) -> Row:
-    """Wall time (s) of a whole run, beside the reward that it ended with."""
+    """Wall time (s) of a whole run, and the reward that it ended with."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "locomotion.train", *overrides]
         command += [f"physics.device={device}", f"hydra.run.dir={folder}/run"]

@@ -88,7 +88,7 @@ def kill(settings: list[str], folder: Path, kills: int, moments: random.Random) 
 
 
 def count_rows(folder: Path) -> int:
-    """How many lines of metrics there are."""
+    """The number of lines of metrics."""
     path = folder / "metrics.csv"
     return path.read_bytes().count(b"\n") if path.is_file() else 0
 

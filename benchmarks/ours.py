@@ -57,7 +57,7 @@ class Training:
         return batch, time.perf_counter() - started
 
     def update(self, batch: TensorDictBase) -> float:
-        """How long it takes to learn from a batch (s)."""
+        """The time to learn from a batch (s)."""
         started = time.perf_counter()
         self._learner.update(batch)
         elapsed = time.perf_counter() - started
@@ -69,7 +69,7 @@ class Training:
         return self.env.base_env.physics.motion.numpy().copy()
 
     def parts(self, bare: BareBatch) -> dict[str, float]:
-        """How long the parts of a control step take (s), on average over the next batch.
+        """The time of the parts of a control step (s), on average over the next batch.
 
         The batch is collected, then stepped again by ever more of what collects it, each time from the
         same states under the same actions; a part is the difference between two of these.
@@ -106,7 +106,7 @@ class Training:
         act: Callable[[TensorDictBase], TensorDictBase],
         current: TensorDictBase,
     ) -> float:
-        """How long the steps of a batch take (s)."""
+        """The time of the steps of a batch (s)."""
         with set_exploration_type(ExplorationType.RANDOM):
             started = time.perf_counter()
             for _ in range(self.steps):
@@ -118,7 +118,7 @@ class Training:
 
 
 def controls(batch: TensorDictBase) -> np.ndarray:
-    """What a batch's actions were to MuJoCo, which clips them, shape ``(steps, num_envs, nu)``."""
+    """A batch's actions as MuJoCo clips them, shape ``(steps, num_envs, nu)``."""
     return batch["action"].transpose(0, 1).to(torch.float64).contiguous().numpy()
 
 

@@ -31,7 +31,7 @@ class Row:
     """A line of the table.
 
     Attributes:
-        name: what is measured, with its unit if it is no ratio.
+        name: what is measured, with its unit unless it is a ratio.
         values: one a turn, the median counts; empty if it could not be measured.
         target: what the median should reach; ``None`` for context.
         at_most: whether the target is the most that is allowed rather than the least.
@@ -99,7 +99,7 @@ def machine() -> dict[str, str]:
 
 
 def load() -> str:
-    """How many processes wanted a core in the last minute, this one's included."""
+    """The number of processes that wanted a core in the last minute, this one included."""
     return f"{os.getloadavg()[0]:.1f}"
 
 

@@ -22,11 +22,11 @@ SIZES = ((64, 128, 0.90), (1024, 8, 0.97))
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """How much is measured.
+    """The amount that is measured.
 
     Attributes:
         turns: of both sides of a ratio.
-        rivals: processes of a rival, and our robots beside it.
+        rivals: processes of a rival, and the number of our robots.
         scale: numbers of robots; the first is what the others are compared to.
         most: robots whose memory is measured.
     """
@@ -42,7 +42,7 @@ QUICK = Effort(turns=2, rivals=4, scale=(64, 256), most=256)
 
 
 def measure_limit(effort: Effort) -> Iterator[Row]:
-    """Frames a second of training's collector beside MuJoCo alone.
+    """Frames a second of training's collector, relative to MuJoCo alone.
 
     MuJoCo replays each batch: from the states in which it began, under the actions that were taken. So
     all sides do the same physics, which the last row makes sure of.
@@ -92,7 +92,7 @@ def measure_parts(effort: Effort) -> Iterator[Row]:
 
 
 def measure_rivals(effort: Effort) -> Iterator[Row]:
-    """Frames a second and memory beside what a user would pick, in processes of their own."""
+    """Frames a second and memory, relative to what a user would pick, in processes of their own."""
     training = Training(1, 1)
     model = training.model
     training.close()
@@ -132,7 +132,7 @@ def measure_rivals(effort: Effort) -> Iterator[Row]:
 
 
 def measure_step(effort: Effort) -> Iterator[Row]:
-    """Time of a physics step beside the same robot under MuJoCo's plain defaults.
+    """Time of a physics step, relative to the same robot under MuJoCo's plain defaults.
 
     On one thread, from the same states in contact, under the same controls.
     """
@@ -227,7 +227,7 @@ def measure_scale(effort: Effort) -> Iterator[Row]:
 
 
 def _bare_speedups(num_envs: int, steps: int, turns: int) -> list[float]:
-    """How many times faster MuJoCo alone is with two threads than with one."""
+    """The speed of MuJoCo alone with two threads, relative to one."""
     training = _warm_training(num_envs, steps)
     start = training.states()
     given = controls(training.collect()[0])

@@ -1,7 +1,7 @@
 """Costs and savings of the framework: ``python -m benchmarks.throughput``.
 
 Results are ratios of two sides that take turns within one run, so that a noisy machine is noisy to
-both: the median of the ratios of neighbouring turns, beside the smallest and the largest. Only the
+both: the median of the ratios of neighbouring turns, with the smallest and the largest. Only the
 parts of a control step, memory, and how far two simulations come apart are absolute.
 """
 

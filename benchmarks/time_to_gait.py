@@ -1,4 +1,4 @@
-"""How long it takes until a robot walks: ``python -m benchmarks.time_to_gait``.
+"""Measures the time until a robot walks: ``python -m benchmarks.time_to_gait``.
 
 Learners of this project and of others learn the gait of the same compiled robot, each in a process of its
 own, one after another and in turns. benchmarks/README.md says what is measured.
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 DESCRIPTION = "Measures how long learners take, from the start of their process, to a gait."
 
-#: One of each learner, all with our hyperparameters, which served them better than their own when tried.
+#: One of each learner, all with our hyperparameters, so that what is compared is the implementation.
 DEFAULT = tuple(side for side in SIDES if side.endswith(":quick"))
 
 NOTES = """\

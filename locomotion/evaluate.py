@@ -1,4 +1,4 @@
-"""How well a policy walks: ``python -m locomotion.evaluate robot=gecko`` or ``run=FOLDER``."""
+"""Measures how well a policy walks: ``python -m locomotion.evaluate robot=gecko`` or ``run=FOLDER``."""
 
 from __future__ import annotations
 

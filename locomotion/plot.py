@@ -49,7 +49,7 @@ def compare(places: Sequence[Path], reference: Sequence[Curve]) -> Figure:
 
 
 def labels(runs: Sequence[Path]) -> list[str]:
-    """What tells some runs apart: robot, observations, seed, and other keys where they differ.
+    """Labels that tell runs apart: robot, observations, seed, and other keys where they differ.
 
     A run that has no configuration, or is not told apart by it, has its folder.
     """

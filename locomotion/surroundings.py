@@ -1,4 +1,4 @@
-"""What a process finds around it: environment variables, a home, a current folder, standard streams."""
+"""The surroundings of a process: environment variables, home, current folder, standard streams."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class _Lasting(io.FileIO):
 def _lasting(number: int, stream: io.TextIOWrapper | None) -> io.TextIOBase:
     """A standard stream that lasts, in place of one that is open, or of none."""
     if stream is not None and stream.isatty() and os.name != "posix":
-        stream.reconfigure(errors="readable")  # a console of Windows is no file
+        stream.reconfigure(errors="readable")  # a console of Windows is not a file
         return stream
     encoding = "utf-8" if stream is None else stream.encoding
     buffer = io.BufferedWriter(_Lasting(number, "wb", closefd=False))

@@ -101,7 +101,7 @@ cannot tell."""
 
 
 def summary(curves: Sequence[Curve], report: Sequence[Curve]) -> str:
-    """The numbers of some finished runs beside the report's, and each claim with what it rests on."""
+    """The numbers of some finished runs, the report's, and each claim with what it rests on."""
     ours, theirs = _by_setting(curves), _by_setting(report)
     return "\n".join(
         [

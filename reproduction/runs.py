@@ -17,7 +17,7 @@ def load_config(run: Path, num_envs: int | None = None) -> Config:
         num_envs: robots, in place of as many as in training.
 
     Raises:
-        RunError: if it is no run's folder.
+        RunError: if the folder does not hold a run.
         ConfigError: if it is one of another version.
     """
     config = typed_record(read_config(run))

@@ -1,4 +1,4 @@
-"""How well one setting serves Revolve2's standard bodies, from the runs of a sweep.
+"""Measures how well one setting serves Revolve2's standard bodies, from the runs of a sweep.
 
 ``python -m reproduction.standard_bodies SWEEP ...`` walks the policy of each run from the start, with its
 mean action: once from the pose that training starts in, and once from any heading, upright or overturned. It

@@ -1,10 +1,12 @@
 import importlib.util
+import os
 
 import pytest
 import torch
 from tensordict import TensorDict
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs import EnvBase
+from warm_python import WarmPython
 
 # As training does: on two cores a second thread for networks this small costs time.
 torch.set_num_threads(1)
@@ -22,12 +24,30 @@ _no_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no 
     params=[
         pytest.param({"backend": "threaded", "threads": 2}, id="threaded"),
         pytest.param({"backend": "warp", "device": "cpu"}, id="warp", marks=[_no_warp, _slow]),
-        pytest.param({"backend": "warp", "device": "cuda:0"}, id="gpu", marks=[_no_warp, _no_gpu, _slow]),
+        pytest.param(
+            {"backend": "warp", "device": "cuda:0"}, id="gpu", marks=[_no_warp, _no_gpu, _slow]
+        ),
     ],
 )
 def stepping(request):
     """The keys of ``physics`` for all that can step robots."""
     return request.param
+
+
+@pytest.fixture(scope="session")
+def command():
+    """Runs a command of the project in a process of its own.
+
+    ``path`` is a folder with packages, ``variables`` are of the environment.
+    """
+    python = WarmPython()
+
+    def run(name, *arguments, cwd, path=None, **variables):
+        environment = {**os.environ, **({} if path is None else {"PYTHONPATH": str(path)})}
+        return python.run(f"locomotion.{name}", arguments, cwd, {**environment, **variables})
+
+    yield run
+    python.close()
 
 
 class Target(EnvBase):

@@ -77,7 +77,7 @@ class Hyperparameters:
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """What a side is to do.
+    """The task of a side.
 
     Attributes:
         side: its name.

@@ -35,7 +35,7 @@ class OurRobots:
 
     @property
     def observations(self) -> torch.Tensor:
-        """What the robots sense now, a new tensor of shape ``(num_envs, size)``."""
+        """The readings now, a new tensor of shape ``(num_envs, size)``."""
         return self._seen(self._now)
 
     def reset(self) -> torch.Tensor:

@@ -145,7 +145,7 @@ def learn(task: Task, recorder: Recorder) -> None:
 
 
 class Update:
-    """What the script does with a batch: epochs of advantages anew and gradient steps.
+    """Learns from a batch as the script does: epochs of advantages anew and gradient steps.
 
     Args:
         actor: the policy.

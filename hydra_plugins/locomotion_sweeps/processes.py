@@ -162,7 +162,7 @@ def _ensure_tracker() -> None:
 
 
 def _outcome(job: _Job) -> tuple[Any, int]:
-    """What a job that is over has returned, and its exit status: 0, or below 0 if it was killed."""
+    """The value that a finished job has returned, and its exit status: below 0 if it was killed."""
     try:
         value = cloudpickle.loads(job.result.recv_bytes())
     except EOFError:

@@ -104,7 +104,7 @@ class Optimizer(enum.Enum):
 
 
 class Schedule(enum.Enum):
-    """How the learning rates go from their start."""
+    """The course of the learning rates."""
 
     linear = "linear"
     constant = "constant"

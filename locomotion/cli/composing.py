@@ -224,7 +224,7 @@ def _import_plugins(overrides: Sequence[Override]) -> None:
 
 
 def _jobs_at_once(threads: int | None) -> int:
-    """How many jobs of a sweep the usable cores have room for, each with so many threads."""
+    """The number of jobs, each with some threads, that the usable cores have room for."""
     from joblib import cpu_count  # knows of affinity and of a container's share
 
     return max(1, cpu_count() // (threads or cpu_count()))

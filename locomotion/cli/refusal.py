@@ -1,4 +1,4 @@
-"""What cannot be done is said in one line, before anything is computed for it where that can be."""
+"""Errors of a user in one line, before anything is computed where possible."""
 
 from __future__ import annotations
 

@@ -21,10 +21,12 @@ def composed(overrides: Sequence[str]) -> DictConfig:
     It is called within :func:`~locomotion.composition.application.application`.
 
     Raises:
-        ConfigError: for what a stranger's configuration may not set, or a body that is no file's.
+        ConfigError: for what a stranger's configuration may not set, or a body not from a file.
     """
     config = hydra.compose("config", list(overrides), return_hydra_config=True)
     refuse_what_is_fixed(config, _own)
+    if "robot" not in config.hydra.runtime.choices:
+        raise ConfigError("robot is missing; give it the name of a choice, or a FILE.yaml")
     for source in config.hydra.runtime.config_sources:
         file = Path(source.path, "robot", f"{config.hydra.runtime.choices.robot}.yaml")
         if source.schema == "file" and file.is_file():

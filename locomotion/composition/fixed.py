@@ -1,4 +1,4 @@
-"""What of Hydra's own part of a configuration may be set, as a configuration may come from a stranger."""
+"""The keys of Hydra's own that a configuration may set, as it may come from a stranger."""
 
 from __future__ import annotations
 

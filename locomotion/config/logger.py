@@ -1,4 +1,4 @@
-"""Where a run is shown: ``logger`` in a configuration."""
+"""Logging: ``logger`` in a configuration."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from locomotion.options import Checked, ConfigError, key
 
 
 class LoggerBackend(enum.Enum):
-    """Where metrics go in addition to ``metrics.csv``, which is always written."""
+    """Loggers in addition to ``metrics.csv``, which is always written."""
 
     csv = "csv"
     tensorboard = "tensorboard"
@@ -19,7 +19,7 @@ class LoggerBackend(enum.Enum):
 
 @dataclasses.dataclass
 class LoggerConfig(Checked):
-    """Where metrics are shown."""
+    """Options of the logger."""
 
     PREFIX = "logger."
 

@@ -1,4 +1,4 @@
-"""What a policy observes: terms, each a reading with a past, a representation and a scale.
+"""Observations: terms, each a reading with a past, a representation and a scale.
 
 ``conf/obs/*.yaml`` list terms by name. Nothing here imports torch until transforms are made.
 """
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Representation(enum.Enum):
-    """How an orientation is shown to the policy."""
+    """Representations of an orientation."""
 
     quaternion = "quaternion"
     rotation_6d = "rotation_6d"

@@ -1,4 +1,4 @@
-"""What an environment says about its entries."""
+"""The specs of an environment's entries."""
 
 from __future__ import annotations
 

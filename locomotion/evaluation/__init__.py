@@ -1,4 +1,4 @@
-"""How well a policy walks: walking with it, measuring how, and under what a real robot would bring."""
+"""Evaluation of policies: walking, measuring, and the changes that a real robot would bring."""
 
 from importlib import import_module
 from typing import Any

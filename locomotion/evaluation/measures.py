@@ -1,4 +1,4 @@
-"""How well robots walked: one number a robot for each measure."""
+"""Measures of walking: one number a robot for each."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Interval:
 
 @dataclasses.dataclass(frozen=True)
 class Measure:
-    """What is measured: its unit and meaning, and whether it is yes or no for each robot."""
+    """A measure: its unit and meaning, and whether it is yes or no for each robot."""
 
     unit: str
     meaning: str
@@ -49,7 +49,7 @@ MEASURES = {
 
 
 def speed(place: torch.Tensor, seconds: float) -> torch.Tensor:
-    """How fast robots got away from where they started: distance over time (m/s), ``(robots,)``.
+    """Speed away from the start: distance over time (m/s), shape ``(robots,)``.
 
     It is about all that time: of a robot that circles it is 0 after each turn, however it moves.
 

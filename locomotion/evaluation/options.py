@@ -9,7 +9,7 @@ from locomotion.options import Checked, key
 
 @dataclasses.dataclass
 class WalkConfig(Checked):
-    """How a policy is made to walk."""
+    """Options of walking with a policy."""
 
     seconds: float = key("how long robots walk (s)", default=60.0, above=0, most=86_400)
     noise: float = key(

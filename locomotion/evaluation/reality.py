@@ -51,7 +51,7 @@ CHANGES = (
 
 @dataclasses.dataclass(frozen=True)
 class Share:
-    """How fast robots are under a change, as a share of how fast they are without.
+    """The speed of robots under a change, as a share of their speed without it.
 
     Attributes:
         what: the change in words.

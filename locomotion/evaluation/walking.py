@@ -242,7 +242,7 @@ class _Effort:
 
 
 def upwards(orientation: torch.Tensor) -> torch.Tensor:
-    """How far a body's z axis points up, from -1 to 1, shape ``(*batch,)``.
+    """The upward part of a body's z axis, from -1 to 1, shape ``(*batch,)``.
 
     Args:
         orientation: unit quaternions w x y z, body to world, shape ``(*batch, 4)``.

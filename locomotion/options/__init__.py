@@ -1,4 +1,4 @@
-"""How options are declared, typed and chosen by name; each package declares its own with this.
+"""Options: declared, typed and chosen by name. Each package declares its own with these parts.
 
 Nothing here imports anything heavy, so that a mistake is answered before torch is loaded.
 """

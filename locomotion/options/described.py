@@ -1,4 +1,4 @@
-"""What options there are, in words and by their keys."""
+"""The options of a schema by their keys, with their meanings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be chosen by name: readings, rewards, arenas, networks and learners.
+"""Registries of all that is chosen by name: readings, rewards, arenas, networks and learners.
 
 A name comes from the project's own module of its kind, from an entry point of an installed package, or
 from a plugin, a module that the user names and that registers what it has::

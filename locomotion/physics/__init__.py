@@ -1,4 +1,4 @@
-"""How robots move: many copies of one compiled model, stepped together."""
+"""Physics: many copies of one compiled model, stepped together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a way of stepping robots provides; :mod:`locomotion.physics.base` does the rest."""
+"""The interface of a backend; :mod:`locomotion.physics.base` does the rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sound simulation cannot leave."""
+"""Bounds that a sound simulation does not leave."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MOST_STATE = 1000.0
 
 
 class Bounds:
-    """Where a number of physics steps can lead a sound simulation.
+    """The states to which some physics steps can lead a sound simulation.
 
     Args:
         columns: times, positions and velocities in a row of states.
@@ -28,7 +28,7 @@ class Bounds:
         self._by_steps: dict[int, tuple[torch.Tensor, torch.Tensor]] = {}
 
     def beyond(self, start: torch.Tensor, end: torch.Tensor, steps: int) -> torch.Tensor:
-        """Whose states are not finite, or where no robot comes to.
+        """Finds states that are not finite, or beyond the bounds.
 
         Args:
             start: times, positions and velocities before the steps, shape ``(num_envs, columns)``.

@@ -13,7 +13,7 @@ from locomotion.tasks.options import TIMESTEP, Integrator
 
 
 class PhysicsBackend(enum.Enum):
-    """What steps the robots."""
+    """Options of the physics."""
 
     threaded = "threaded"
     warp = "warp"

@@ -255,7 +255,7 @@ def suggested_contacts(model: mujoco.MjModel) -> int:
 
 
 def _rows(model: mujoco.MjModel, contacts: int) -> int:
-    """Constraints of so many contacts and of all joints at their limits."""
+    """The number of constraints of some contacts and of all joints at their limits."""
     dimension = max(model.pair_dim.max(initial=1), model.geom_condim.max())
     return int(max(1, 2 * (dimension - 1)) * contacts + model.jnt_limited.sum())
 

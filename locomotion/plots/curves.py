@@ -23,7 +23,7 @@ COLUMNS = ("iteration", "mean_reward", "mean_value")
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
-    """How one run went, or the report's.
+    """The course of one run, or of the report's.
 
     Attributes:
         robot: its name.
@@ -152,7 +152,7 @@ def read_csv(path: Path) -> list[Curve]:
     A column seed may be missing, and a mean value empty.
 
     Raises:
-        RunError: if there is no such file, or it is another.
+        RunError: if the file is missing or has other columns.
     """
     rows: dict[tuple[str, str, int | None], list[list[float]]] = {}
     try:

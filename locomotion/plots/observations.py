@@ -13,7 +13,7 @@ Terms = dict[str, ObsTerm]
 
 
 def observations_name(terms: Mapping[str, Any]) -> str:
-    """What ``+obs=NAME`` calls some terms, or a description such as ``5 steps + gravity``.
+    """The name that ``+obs=NAME`` has for some terms, or a description such as ``5 steps + gravity``.
 
     Args:
         terms: by name, as in the ``obs`` of a configuration.

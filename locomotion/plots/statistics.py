@@ -6,7 +6,7 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
+from scipy import special  # scipy.stats takes a second to import, at the end of every run
 
 from locomotion.plots.curves import Curve
 
@@ -46,5 +46,5 @@ def mean_interval(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
     mean = np.where(seeds > 0, mean, np.nan)
     freedom = np.where(seeds > 1, seeds - 1.0, np.nan)
     variance = np.nansum((values - mean) ** 2, 0) / freedom
-    half = stats.t.ppf(0.975, freedom) * np.sqrt(variance / np.maximum(seeds, 1))
+    half = special.stdtrit(freedom, 0.975) * np.sqrt(variance / np.maximum(seeds, 1))
     return mean, mean - half, mean + half

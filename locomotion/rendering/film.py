@@ -20,7 +20,7 @@ from locomotion.rendering.motion import Motion
 from locomotion.writing import replacing
 
 _PATH_COLOUR = np.array([0.93, 0.35, 0.12, 1.0], np.float32)
-#: Room in the scene for the path; it is thinned to so many pieces.
+#: Room in the scene for the path; it is thinned to this number of pieces.
 _MOST_PIECES = 400
 _MOST_GEOMS = 10_000
 #: The small moving picture next to a film: its first seconds, pictures a second, width in pixels.

@@ -1,4 +1,4 @@
-"""What a film and a page are made from: how one robot moved, at the pictures' rate."""
+"""The motion of one robot at the rate of the pictures, from which films and pages are made."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Motion:
 
     @property
     def place(self) -> np.ndarray:
-        """Where the core is on the ground at each picture (m), shape ``(pictures, 2)``."""
+        """The place of the core on the ground at each picture (m), shape ``(pictures, 2)``."""
         return self.qpos[:, :2]
 
     def speed_at(self, picture: int) -> float:
@@ -48,7 +48,7 @@ class Motion:
         return speed(place, max(picture, 1) / self.fps).item()
 
     def follow(self, picture: int) -> np.ndarray:
-        """Where a camera looks that follows the core without shaking, on the ground (m)."""
+        """The point on the ground (m) at which a camera looks that follows the core without shaking."""
         around = round(self.fps)
         return self.place[max(0, picture - around) : picture + around + 1].mean(0)
 

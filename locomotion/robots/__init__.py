@@ -1,4 +1,4 @@
-"""What a robot is: modules, and bodies put together from them, as dm-control composer entities.
+"""Robots: modules, and bodies put together from them, as dm-control composer entities.
 
 The entities are loaded when they are first asked for, as dm-control takes a second.
 """

@@ -116,7 +116,7 @@ def parse_body(tree: Mapping[str, Any]) -> Module:
 
     Raises:
         BodyError: for an unknown module or key, a face that the module lacks or that is used
-            twice, an angle that is not a quarter turn, a root that is no core, a core elsewhere, a
+            twice, an angle that is not a quarter turn, a root that is not a core, a core elsewhere, a
             body without hinges, two modules in one place, or too long a chain of modules.
     """
     core = _parse_module(tree, "core")
@@ -192,7 +192,7 @@ def _parse_children(children: Any, kind: str, path: str) -> dict[str, Module]:
 
 
 def _check_overlap(core: Module) -> None:
-    # Neighbours touch, and lengths carry rounding errors, so a shared sliver is no overlap.
+    # Neighbours touch, and lengths carry rounding errors, so a shared sliver is not an overlap.
     tolerance = 1e-4
     boxes = list(placed_boxes(core))
     for (a, _, a_centre, a_lengths), (b, _, b_centre, b_lengths) in itertools.combinations(

@@ -21,7 +21,7 @@ class Box:
 
 @dataclasses.dataclass(frozen=True)
 class Face:
-    """Where a child may be attached: a point (m), and how far its x axis is turned about z.
+    """A place to attach a child: a point (m), and the turn of its x axis about z.
 
     ``quarter_turns`` counts turns of 90 degrees from the module's own x axis, counter-clockwise
     seen from above.

@@ -61,7 +61,7 @@ class Checkpoints:
         """Loads the last checkpoint; one that is damaged is named, and the one before it is taken.
 
         Returns:
-            How many iterations are behind it; 0 if there is no checkpoint.
+            The number of iterations behind it; 0 without a checkpoint.
 
         Raises:
             RunError: if all checkpoints are damaged, or the last one is from another kind of run.
@@ -97,7 +97,7 @@ def saved(run: Path) -> list[Path]:
 
 
 def path_of(run: Path, iteration: int) -> Path:
-    """Where the checkpoint is that is written after so many iterations."""
+    """The path of the checkpoint that follows an iteration, by the number of iterations done."""
     return run / FOLDER / f"{iteration:06d}.ckpt"
 
 

@@ -165,7 +165,7 @@ def differences(folder: Path, config: Config) -> dict[str, tuple[str, str]]:
     Keys that do not change a run's numbers are left out.
 
     Raises:
-        RunError: if the folder is no run's.
+        RunError: if the folder does not hold a run.
     """
     wanted = dict(flat(as_dict(config)))
     found = read_record(folder)

@@ -30,7 +30,7 @@ class RunLogger(abc.ABC):
 
     @abc.abstractmethod
     def log_film(self, film: Path, frames: int) -> None:
-        """Shows a film of the policy after so many frames."""
+        """Shows a film of the policy, at a number of frames."""
 
     @abc.abstractmethod
     def flush(self) -> None:

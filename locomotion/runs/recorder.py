@@ -115,7 +115,7 @@ class Recorder:
         return row
 
     def save_if_due(self, stopping: bool) -> None:
-        """Saves a checkpoint every so many iterations, after the last one, and when stopping."""
+        """Saves a checkpoint at regular intervals, after the last iteration, and when stopping."""
         if self.completed % self._config.checkpoint_interval == 0 or self.finished or stopping:
             self._metrics.sync()
             if self._logger is not None:

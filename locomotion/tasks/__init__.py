@@ -1,4 +1,4 @@
-"""What a robot is paid for: dm-control tasks, the rewards they add up, and the model they compile to.
+"""Tasks: dm-control tasks, the rewards they add up, and the model they compile to.
 
 Everything here works on :class:`~locomotion.tasks.state.RobotState`, so a reward is written once for
 dm-control's environment and for the batched one.

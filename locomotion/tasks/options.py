@@ -79,7 +79,7 @@ class EnvConfig(Checked):
 
 @dataclasses.dataclass
 class TaskConfig(Checked):
-    """What robots are paid for."""
+    """Options of the task."""
 
     PREFIX = "task."
 

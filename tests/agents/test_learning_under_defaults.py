@@ -1,4 +1,4 @@
-"""What is learned depends neither on torch's default dtype nor on its default device."""
+"""Learning depends neither on torch's default dtype nor on its default device."""
 
 import csv
 

@@ -192,7 +192,7 @@ def test_a_graph_is_not_asked_to_follow_a_memory(target_env):
     with pytest.raises(ConfigError, match=r"ppo\.cudagraphs=True needs a network without a memory"):
         learner.check_network(GRU())
     with pytest.raises(ConfigError, match="needs a network without a memory"):
-        learner.make(target_env(2), GRU(), ["target"])
+        learner.make(target_env(2), GRU(), ["target"], [])
     overrides = ("physics=warp", "physics.device=cuda:0", "ppo.cudagraphs=true")
     with pytest.raises(ConfigError, match="needs a network without a memory"):
         compose(*overrides, "network=gru")

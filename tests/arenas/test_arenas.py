@@ -64,7 +64,7 @@ def robot(name="gecko", body="gecko", **options):
 
 
 def stand(env):
-    """What robots sense after two seconds with all hinges at 0."""
+    """The readings after two seconds with all hinges at 0."""
     td = env.fake_tensordict()
     for _ in range(8):
         td = env.step(td.set("action", torch.zeros(env.action_spec.shape)))["next"]

@@ -1,6 +1,4 @@
-import os
 import signal
-import subprocess
 import sys
 
 import pytest
@@ -28,20 +26,6 @@ def refusal(monkeypatch, capsys):
         return printed.err.removeprefix("error: ").rstrip()
 
     return refused
-
-
-@pytest.fixture(scope="session")
-def command():
-    """Runs a command of the project in a process of its own."""
-
-    def run(name, *arguments, cwd, path=None, **keywords):
-        environment = {**os.environ, **({} if path is None else {"PYTHONPATH": str(path)})}
-        line = [sys.executable, "-m", f"locomotion.{name}", *map(str, arguments)]
-        return subprocess.run(
-            line, cwd=cwd, env=environment, capture_output=True, text=True, timeout=300, **keywords
-        )
-
-    return run
 
 
 @pytest.fixture(scope="session")

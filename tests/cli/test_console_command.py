@@ -14,7 +14,7 @@ COMMANDS = ["train", "evaluate", "watch", "export", "plot"]
 
 @pytest.fixture(scope="module")
 def script():
-    """What pip writes for the entry point in ``pyproject.toml``."""
+    """The script that pip writes for the entry point in ``pyproject.toml``."""
     project = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text("utf-8"))
     module, _, name = project["project"]["scripts"]["locomotion"].partition(":")
     code = (

@@ -8,7 +8,10 @@ import time
 
 import pytest
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not os.path.isdir("/proc"), reason="finds processes in /proc")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not os.path.isdir("/proc"), reason="finds processes in /proc"),
+]
 
 STICK = "name: stick\nbody: {module: core, children: {left: {module: hinge}}}\n"
 SWEEP = ["--multirun", "hydra/launcher=parallel", "hydra.launcher.n_jobs=2", "robot=stick.yaml"]

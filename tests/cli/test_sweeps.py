@@ -80,7 +80,11 @@ def test_the_last_job_is_checked_before_the_first_one_runs(
 
 def test_jobs_are_those_of_hydras_grammar(write, stick, tmp_path):
     write("mine/robot/stick.yaml", stick)
-    names = ["robot=glob(*,exclude=[a*,*-file])", "seed=range(1,6,2)", "ppo.gamma=choice(0.9,0.99)"]
+    names = [
+        "robot=glob([g*,stick*],exclude=[ga*,*-file])",
+        "seed=range(1,6,2)",
+        "ppo.gamma=choice(0.9,0.99)",
+    ]
     jobs = compose_jobs(names, multirun=True, config_dir=tmp_path / "mine")
     found = [(config.robot.name, config.seed, config.learner.gamma) for config, _ in jobs]
     assert found == [

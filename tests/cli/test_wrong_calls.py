@@ -9,7 +9,7 @@ import pytest
     ("arguments", "message"),
     [
         # Parts and keys that are not there.
-        (["robot=lizard"], "robot=lizard is unknown; choose from ant, gecko"),
+        (["robot=lizard"], "robot=lizard is unknown; choose from ant, babya, "),
         (["+obs=history"], "obs=history is unknown; choose from hinges, hinges_orientation"),
         (["logger=paper"], "logger=paper is unknown; choose from csv, tensorboard, wandb"),
         (["physics=bullet"], "physics=bullet is unknown; choose from threaded"),

@@ -1,4 +1,4 @@
-"""What a run records of its configuration is that configuration."""
+"""A run's record of its configuration is that configuration."""
 
 import tempfile
 from pathlib import Path

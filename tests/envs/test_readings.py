@@ -1,4 +1,4 @@
-"""Each reading against MuJoCo, stepped beside the environment, or a closed form."""
+"""Each reading against MuJoCo, stepped in parallel, or a closed form."""
 
 import math
 

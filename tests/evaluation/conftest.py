@@ -1,6 +1,3 @@
-import subprocess
-import sys
-
 import pytest
 import torch
 
@@ -41,7 +38,7 @@ def scripted():
 
 @pytest.fixture
 def shipped_run():
-    """The folder of a policy that ships, and the task it was trained on, for so many robots."""
+    """The folder of a policy that ships, and the task it was trained on, for a number of robots."""
 
     def read(robot, num_envs, **physics):
         folder = POLICIES / robot
@@ -51,14 +48,3 @@ def shipped_run():
         return folder, typed_config(saved, learning=False)
 
     return read
-
-
-@pytest.fixture(scope="session")
-def command():
-    """Runs a command of the project."""
-
-    def run(name, *arguments, cwd):
-        call = [sys.executable, "-m", f"locomotion.{name}", *map(str, arguments)]
-        return subprocess.run(call, cwd=cwd, capture_output=True, text=True, timeout=300)
-
-    return run

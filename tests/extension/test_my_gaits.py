@@ -1,9 +1,6 @@
 """A package of somebody else's adds a reading, a reward, an arena, a network and a learner."""
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,18 +11,10 @@ HERE = Path(__file__).parent
 CONTRIBUTING = HERE.parents[1] / "CONTRIBUTING.md"
 
 
-def run(module, *arguments, cwd):
-    return subprocess.run(
-        [sys.executable, "-m", f"locomotion.{module}", "+plugins=[my_gaits]", *arguments],
-        env={**os.environ, "PYTHONPATH": str(HERE)},
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+def test_all_of_its_parts_train_resume_and_walk(command, tmp_path):
+    def run(name, *arguments, cwd):
+        return command(name, "+plugins=[my_gaits]", *arguments, cwd=cwd, path=HERE)
 
-
-def test_all_of_its_parts_train_resume_and_walk(tmp_path):
     config_dir = f"--config-dir={HERE / 'my_gaits' / 'conf'}"
     chosen = ["+obs=mine", "network=linear", "arena=slope", "task=upright"]
     chosen += ["algorithm=random_search", "random_search.iterations=3", "random_search.steps=4"]

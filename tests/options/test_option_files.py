@@ -54,9 +54,11 @@ def test_a_file_is_read_into_its_schema(tmp_path):
 
 
 def test_choices_are_the_files_of_their_group():
-    assert choices("robot") == ["ant", "gecko"]
+    assert choices("logger") == ["csv", "tensorboard", "wandb"]
     assert choices("robot") == sorted(path.stem for path in (conf_dir() / "robot").iterdir())
     assert read_choice("robot", "ant")["name"] == "ant"
-    for name in ("lizard", "../robot/ant", ""):
-        with pytest.raises(ConfigError, match=f"^robot={name} is unknown; choose from ant, gecko$"):
-            read_choice("robot", name)
+    for name in ("paper", "../robot/ant", ""):
+        with pytest.raises(
+            ConfigError, match=f"^logger={name} is unknown; choose from csv, tensorb"
+        ):
+            read_choice("logger", name)

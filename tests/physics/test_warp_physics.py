@@ -1,4 +1,4 @@
-"""What only MuJoCo Warp has: room for contacts."""
+"""Room for contacts, which only MuJoCo Warp has."""
 
 import pytest
 import torch

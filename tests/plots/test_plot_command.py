@@ -112,10 +112,9 @@ def test_a_wrong_plot_ends_in_one_line(arguments, message, tmp_path, make_run, d
         ("no/curves.png", "error: no/curves.png: No such file or directory"),
     ],
 )
-def test_a_picture_that_cannot_be_written_is_named(output, message, tmp_path, make_run):
+def test_a_picture_that_cannot_be_written_is_named(output, message, tmp_path, make_run, command):
     make_run(tmp_path / "run")
-    command = [sys.executable, "-m", "locomotion.plot", "run", "--output", output]
-    result = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    result = command("plot", "run", "--output", output, cwd=tmp_path)
     assert result.returncode == 2
     assert result.stderr.startswith(message)
     assert result.stderr.count("\n") == 1

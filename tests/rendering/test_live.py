@@ -14,7 +14,7 @@ from locomotion.rendering import show_live
 
 
 class Window(contextlib.AbstractContextManager):
-    """A viewer without a window, which is closed after so many pictures."""
+    """A viewer without a window, which is closed after a number of pictures."""
 
     def __init__(self, pictures=10_000):
         self.cam, self.shown, self.left = mujoco.MjvCamera(), [], pictures

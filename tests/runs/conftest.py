@@ -67,12 +67,12 @@ def outcome():
 
 
 class Stopped(Exception):
-    """How a run is stopped here."""
+    """Ways to stop a run."""
 
 
 @pytest.fixture(scope="session")
 def stop_after():
-    """Trains until so many iterations have been recorded, the last of them perhaps not saved."""
+    """Trains until a number of iterations have been recorded, the last of them perhaps not saved."""
 
     def run(iterations, config, folder, **passed):
         def stop(row):
@@ -95,7 +95,7 @@ def whole(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def left_after(whole):
-    """Makes the folder of the same run as it is after so many iterations and a bit of the next ones."""
+    """Makes the folder of the same run as it is after a number of iterations and a bit of the next ones."""
 
     def make(folder, iterations):
         (folder / "checkpoints").mkdir(parents=True)

@@ -15,7 +15,7 @@ from locomotion.runs.checkpoints import path_of, saved
 pytestmark = pytest.mark.slow
 
 
-def command(*overrides):
+def line(*overrides):
     return [sys.executable, "-m", "locomotion.train", *overrides]
 
 
@@ -26,28 +26,27 @@ def wait(process, moment):
 
 
 def test_killed_at_any_moment_it_ends_as_one_that_was_never_stopped(
-    configured, small, outcome, tmp_path
+    configured, small, outcome, command, tmp_path
 ):
     longer = ["ppo.iterations=60", "checkpoint_interval=3"]
     train(configured(*longer), tmp_path / "whole")
     folder = tmp_path / "run"
     moments = {
         "before the first checkpoint": lambda: (folder / "metrics.csv").is_file(),
-        "after one": lambda: saved(folder),
         "while one is written": lambda: list((folder / "checkpoints").glob(".*")),
         "later": lambda: len(saved(folder)) > 8,
     }
     arguments = [*small, *longer, f"hydra.run.dir={folder}"]
     for moment in moments.values():
         process = subprocess.Popen(
-            command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            line(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
         wait(process, moment)
         process.kill()
         process.communicate()
         arguments = [f"resume={folder}"]
     assert len(saved(folder)) < 20
-    last = subprocess.run(command(*arguments), capture_output=True, text=True)
+    last = command("train", *arguments, cwd=tmp_path)
     assert last.returncode == 0, last.stderr
     assert outcome(folder) == outcome(tmp_path / "whole")
 
@@ -58,7 +57,7 @@ def test_a_command_that_is_asked_to_stop_saves_and_says_how_to_resume(
 ):
     folder = tmp_path / "run"
     process = subprocess.Popen(
-        command(*small, f"hydra.run.dir={folder}", "ppo.iterations=100000"),
+        line(*small, f"hydra.run.dir={folder}", "ppo.iterations=100000"),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -125,12 +124,11 @@ def test_asked_to_stop_in_the_last_iteration_it_is_finished(configured, outcome,
     assert train(configured(), tmp_path / "run").skipped
 
 
-def test_two_processes_do_not_train_in_one_folder(configured, left_after, tmp_path):
+def test_two_processes_do_not_train_in_one_folder(configured, left_after, command, tmp_path):
     folder = left_after(tmp_path / "run", 2)
     before = {path: path.read_bytes() for path in folder.rglob("*.c*") if path.is_file()}
     with FileLock(folder / ".lock"):
-        line = [sys.executable, "-m", "locomotion.train", f"resume={folder}"]
-        refused = subprocess.run(line, capture_output=True, text=True)
+        refused = command("train", f"resume={folder}", cwd=tmp_path)
         with pytest.raises(RunError, match="another process is training there"):
             train(configured(), folder)
     assert refused.returncode == 2

@@ -1,4 +1,4 @@
-"""Where a run may be: links, files, folders that cannot be written; and a stranger's record."""
+"""Places of a run: links, files, folders that cannot be written; and a stranger's record."""
 
 import sys
 from pathlib import Path

@@ -26,7 +26,7 @@ readings.register("hinge_power")(
 @rewards.register("upright")
 @dataclasses.dataclass
 class Upright(Reward):
-    """How far the core's z axis points up, from -1 to 1."""
+    """The upward part of the core's z axis, from -1 to 1."""
 
     def __call__(self, before, after):
         _, x, y, _ = after.orientation.unbind(-1)

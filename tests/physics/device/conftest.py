@@ -133,7 +133,12 @@ def elsewhere(monkeypatch):
     """
     warp = pytest.importorskip("warp", reason="needs packages: pip install -e '.[warp]'")
     to_torch, from_torch, get_device = warp.to_torch, warp.from_torch, warp.get_device
-    monkeypatch.setattr(warp, "to_torch", lambda array: _Elsewhere(to_torch(array)))
+
+    def seen(array):
+        with torch.device("cpu"):  # Warp's memory, without a copy
+            return _Elsewhere(to_torch(array))
+
+    monkeypatch.setattr(warp, "to_torch", seen)
     monkeypatch.setattr(warp, "from_torch", lambda tensor: from_torch(_inside(tensor)))
     monkeypatch.setattr(warp, "get_device", lambda *_: get_device("cpu"))
     # Tensors that are seen through another one cannot be made in inference mode.

@@ -5,13 +5,14 @@ What happens to one job happens to no other: one that is killed is named in a li
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from multiprocessing import connection, resource_tracker
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -134,13 +135,23 @@ def _start(
     process = spawn.Process(target=_work, args=arguments, name=f"job {number}")
     _ensure_tracker()
     # A terminal sends Ctrl-C to all processes. The jobs inherit that it waits, and hear of it from here.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)
-    try:
+    with _signals_wait():
         process.start()
         running[result] = _Job(number, list(overrides), process, result)
+    write.close()  # so that the job's end is the end of what can be read
+
+
+@contextlib.contextmanager
+def _signals_wait() -> Iterator[None]:
+    """Lets what would stop this process wait until the block's end, except on Windows, which cannot."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)
+    try:
+        yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        write.close()  # so that the job's end is the end of what can be read
 
 
 def _ensure_tracker() -> None:
@@ -188,7 +199,8 @@ def _work(common: bytes, number: int, overrides: list[str], result: connection.C
     """Runs a job, in its own process."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+        if hasattr(signal, "pthread_sigmask"):
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
         threading.Thread(target=_stop_with_launcher, daemon=True).start()
         context, task, config, state = cloudpickle.loads(common)
         setup_globals()

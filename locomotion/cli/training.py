@@ -35,8 +35,10 @@ def main() -> None:
     A configuration that cannot be used ends the process with one line on standard error and exit
     status 2; a run that cannot go on, with 1; one that was asked to stop, with 130.
     """
-    # A launcher that runs jobs side by side stops them when it is interrupted, not when killed.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # A launcher that runs jobs side by side stops them when it is interrupted, not when killed. Commands
+    # that a script has put into the background were started to ignore SIGINT.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     with refusing():
         overrides, flags = _parse()
         resumed = [text for text in overrides if text.startswith("resume=")]

@@ -11,13 +11,14 @@ def refusal(monkeypatch, capsys):
     """Gives the line with which ``python -m locomotion.train`` refuses its arguments."""
 
     def refused(*arguments):
-        before = signal.getsignal(signal.SIGTERM)
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
         monkeypatch.setattr(sys, "argv", ["train", *map(str, arguments)])
         try:
             with pytest.raises(SystemExit) as ended:
                 training.main()
         finally:
-            signal.signal(signal.SIGTERM, before)
+            for number, handler in before.items():
+                signal.signal(number, handler)
         printed = capsys.readouterr()
         assert ended.value.code == 2
         assert printed.out == ""

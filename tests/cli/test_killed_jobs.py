@@ -1,10 +1,12 @@
 """Jobs side by side: what happens to one of them happens to no other."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -27,6 +29,8 @@ class Sweep:
         self.folder = folder / "sweep"
         line = [sys.executable, "-m", "locomotion.train", *SWEEP, *overrides]
         keywords = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        # As a script starts what it puts into the background.
+        line = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", *line]
         self.process = subprocess.Popen(line, cwd=folder, start_new_session=True, **keywords)
         self.jobs = {number: self._pid_of(number) for number in (0, 1)}
 
@@ -37,13 +41,10 @@ class Sweep:
         while not (rows.is_file() and rows.read_text().count("\n") > 1):
             assert self.process.poll() is None, self.process.communicate()[1]
             time.sleep(0.1)
-        for pid in filter(str.isdigit, os.listdir("/proc")):
-            try:
-                opened = {os.readlink(file.path) for file in os.scandir(f"/proc/{pid}/fd")}
-            except OSError:
-                continue
-            if str(place / ".lock") in opened:
-                return int(pid)
+        for file in Path("/proc").glob("[0-9]*/fd/*"):
+            with contextlib.suppress(OSError):  # files and processes come and go
+                if file.readlink() == place / ".lock":
+                    return int(file.parts[2])
         raise AssertionError(f"nobody trains in {place}")
 
     def end(self):

@@ -1,6 +1,5 @@
 """``python -m locomotion.plot``: which pictures it draws, and what it refuses."""
 
-import subprocess
 import sys
 
 import pytest

@@ -38,13 +38,15 @@ def stepping(request):
 def command():
     """Runs a command of the project in a process of its own.
 
-    ``path`` is a folder with packages, ``variables`` are of the environment.
+    ``path`` is a folder with packages, ``variables`` are of the environment; ``None`` unsets one.
     """
     python = WarmPython()
 
     def run(name, *arguments, cwd, path=None, **variables):
-        environment = {**os.environ, **({} if path is None else {"PYTHONPATH": str(path)})}
-        return python.run(f"locomotion.{name}", arguments, cwd, {**environment, **variables})
+        path = {} if path is None else {"PYTHONPATH": str(path)}
+        environment = {**os.environ, **path, **variables}
+        environment = {name: value for name, value in environment.items() if value is not None}
+        return python.run(f"locomotion.{name}", arguments, cwd, environment)
 
     yield run
     python.close()

@@ -106,7 +106,7 @@ def sweeps(draw):
     return draw(st.permutations(lines))
 
 
-@settings(max_examples=12, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
+@settings(max_examples=8, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
 @given(sweeps())
 def test_jobs_are_those_that_hydra_composes_one_by_one(lines):
     lines = normalised(lines)

@@ -47,11 +47,12 @@ def walked(env, steps=7, auto_reset=True, seen=None):
     ).clone()
 
 
-@pytest.fixture(params=WAYS)
-def copied(request):
-    return WAYS[request.param]
+@pytest.fixture
+def copied():
+    return WAYS["pickled"]
 
 
+@pytest.mark.parametrize("copied", WAYS.values(), ids=WAYS)
 def test_a_copy_has_the_originals_state_and_future_and_is_on_its_own(copied, make, alike):
     """With parameters and latencies of their own, targets under way, and fields of the last step."""
     env = make(3, readings=readings.names(), time_limit=1.0, physics={"latency": 0.3})
@@ -216,8 +217,7 @@ both.close()
 """
 
 
-@pytest.mark.parametrize("what", ["LocomotionEnv", "ResumableEnv"])
-@pytest.mark.parametrize("how", ["fork", "spawn"])
+@pytest.mark.parametrize(("how", "what"), [("fork", "LocomotionEnv"), ("spawn", "ResumableEnv")])
 def test_torchrls_parallel_environment_takes_one_that_is_there(how, what, tmp_path):
     """It closes the environment, and gives each process the state that this had before."""
     succeed(PARALLEL, how, what, tmp_path)

@@ -33,7 +33,7 @@ def walk(physics, targets):
     return start
 
 
-@pytest.mark.parametrize("latency", [0.0, 0.004, 0.01, 0.013, 0.07, 0.24, 0.25, 0.4, 0.61])
+@pytest.mark.parametrize("latency", [0.0, 0.004, 0.013, 0.07, 0.25, 0.61])
 def test_one_latency_for_all(latency, make, fly, by_hand, same):
     physics = make(2, latency=latency)
     fly(physics)

@@ -11,32 +11,23 @@ from locomotion.rendering.graphics import has_graphics
 _GRAPHICS = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM", "MUJOCO_EGL_DEVICE_ID")
 
 
-def _process(arguments, cwd, variables):
-    kept = {name: value for name, value in os.environ.items() if name not in _GRAPHICS}
-    return subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        cwd=cwd,
-        env={**kept, **variables},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-
-
 @pytest.fixture(scope="session")
-def run():
+def run(command):
     """Runs a command of the project without a screen, but for what ``variables`` say."""
-
-    def command(name, *arguments, cwd, **variables):
-        return _process(["-m", f"locomotion.{name}", *arguments], cwd, variables)
-
-    return command
+    bare = dict.fromkeys(_GRAPHICS)
+    return lambda *line, cwd, **variables: command(*line, cwd=cwd, **{**bare, **variables})
 
 
 @pytest.fixture(scope="session")
 def python():
     """Runs Python code likewise."""
-    return lambda code, cwd, **variables: _process(["-c", code], cwd, variables)
+
+    def run(code, cwd, **variables):
+        kept = {name: value for name, value in os.environ.items() if name not in _GRAPHICS}
+        line, keywords = [sys.executable, "-c", code], {"capture_output": True, "text": True}
+        return subprocess.run(line, cwd=cwd, env={**kept, **variables}, timeout=300, **keywords)
+
+    return run
 
 
 @pytest.fixture(scope="session")

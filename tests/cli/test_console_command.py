@@ -27,7 +27,7 @@ def run(*line, cwd):
     return subprocess.run([*map(str, line)], cwd=cwd, capture_output=True, text=True, timeout=300)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", ["train", "plot"])
 def test_a_command_helps_under_either_name(command, script, tmp_path):
     whole = [sys.executable, "-m", f"locomotion.{command}", "--help"]
     helped = run(*whole, cwd=tmp_path)

@@ -131,11 +131,9 @@ def test_help_names_every_choice_and_key(command, tmp_path):
     [
         (["--cfg", "job", "seed=3"], "\nseed: 3\n"),
         (["-c", "job", "-p", "env", "env.num_envs=99"], "# @package env\nnum_envs: 99\n"),
-        (["--cfg", "job", "--package=env", "--config-dir", "."], "# @package env\n"),
         (["--cfg=hydra", "-p", "hydra.sweep"], "# @package hydra.sweep\ndir: "),
         (["--cfg=job", "--resolve", "-cd=."], "\nppo:\n"),
         (["--info", "searchpath", "-cd", "."], "command-line"),
-        (["-i", "plugins"], "BasicLauncher"),
         (["--hydra-help"], "Hydra ("),
         (["-sc", "install=bash"], "hydra_bash_completion()"),
     ],

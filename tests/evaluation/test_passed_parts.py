@@ -77,8 +77,9 @@ def test_a_controller_has_no_transforms_of_somebodys_own(runs):
         Controller(config, env, load_policy(run, config, env))
 
 
-@pytest.mark.parametrize("name", ["evaluate", "watch", "export"])
-@pytest.mark.parametrize("part", ["transforms", "network"])
+@pytest.mark.parametrize(
+    ("name", "part"), [("evaluate", "transforms"), ("watch", "network"), ("export", "transforms")]
+)
 def test_commands_refuse_it_in_one_line(name, part, runs, tmp_path, command):
     run, _ = runs[part]
     options = {"evaluate": ["seconds=1"], "watch": ["web=true"], "export": ["output=gait.pt2"]}[

@@ -34,7 +34,6 @@ def test_a_film_is_drawn_with_what_works_whatever_is_set(run, tmp_path):
     "variables",
     [
         {"DISPLAY": "localhost:97", "MUJOCO_GL": "glfw"},
-        {"MUJOCO_GL": "EGL"},
         {"MUJOCO_GL": "nonsense"},
     ],
     ids=str,

@@ -73,8 +73,7 @@ def test_a_command_that_is_asked_to_stop_saves_and_says_how_to_resume(
     assert "Traceback" not in errors
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("network", ["mlp", "gru"])
+@pytest.mark.parametrize(("network", "number"), [("mlp", signal.SIGTERM), ("gru", signal.SIGINT)])
 def test_asked_to_stop_it_finishes_the_iteration_and_saves(
     configured, outcome, capfd, tmp_path, network, number
 ):

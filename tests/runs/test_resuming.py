@@ -25,7 +25,6 @@ HINGES = "hinge_position"
 
 #: By name: overrides, and makers of what is passed.
 RUNS = {
-    "mlp": ([], {}),
     "gru": (["network=gru", "network.layers=2", "network.hidden_size=8"], {}),
     "no time limit": (["env.time_limit=null"], {}),
     "late targets": (["physics.latency=0.1", "physics.mass_scale=1.2"], {}),
@@ -33,8 +32,6 @@ RUNS = {
         ["ppo.optimizer=sgd", "+ppo.optimizer_options.momentum=0.9", "ppo.max_grad_norm=0.1"],
         {},
     ),
-    "StepCounter": ([], {"transforms": lambda: [StepCounter(5)]}),
-    "RewardSum": ([], {"transforms": lambda: [RewardSum()], "in_keys": lambda: ["episode_reward"]}),
     "CatFrames": (
         [],
         {"transforms": lambda: [CatFrames(3, -1, [HINGES], ["f"])], "in_keys": lambda: ["f"]},

@@ -65,9 +65,7 @@ def test_a_record_is_changed_before_it_is_typed(configured):
         typed_record(saved, lambda content: content.update(sed=8))
 
 
-@pytest.mark.parametrize(
-    "name", ["~", "~root", "a=b, 'c'", "é\udcff", "50% #1", "[a] {b}", "$HOME"]
-)
+@pytest.mark.parametrize("name", ["~root", "a=b, 'c'", "é\udcff", "50% #1 [a] {b} $HOME"])
 def test_a_run_is_resumed_in_a_folder_of_any_name(configured, name, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     train(configured("ppo.iterations=1"), name)

@@ -11,6 +11,8 @@ from locomotion import compose, train
 from locomotion.agents.architectures import GRU, MLP
 from locomotion.agents.learners import PPOConfig
 
+pytestmark = pytest.mark.slow
+
 NETWORKS = {"mlp": lambda: MLP(width=8, hidden=[8]), "gru": lambda: GRU(width=8, hidden_size=7)}
 
 

@@ -10,6 +10,8 @@ from locomotion.agents.architectures import GRU, MLP
 from locomotion.agents.learners import Optimizer, PPOConfig, Schedule
 from locomotion.options import ConfigError, typed
 
+pytestmark = pytest.mark.slow
+
 PLAIN = {"optimizer": Optimizer.sgd, "schedule": Schedule.constant, "actor_lr": 1.0}
 
 

@@ -12,6 +12,8 @@ from locomotion.envs import LocomotionEnv
 from locomotion.robots import ModularRobot, load_robot
 from locomotion.tasks import WalkAway, compile_model
 
+pytestmark = pytest.mark.slow
+
 #: The outer modules are hinges, so that no geom is covered by a brick.
 BARE = {
     "module": "core",

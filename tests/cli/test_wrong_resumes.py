@@ -8,6 +8,8 @@ from locomotion import compose
 from locomotion.config import as_dict
 from locomotion.runs import record
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def interrupted(tmp_path):

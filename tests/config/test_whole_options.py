@@ -15,6 +15,8 @@ from locomotion.config import all_keys, as_dict, free_keys
 from locomotion.options import ConfigError, choices, key, learners, networks
 from locomotion.runs import differences, record
 
+pytestmark = pytest.mark.slow
+
 COPIES = {
     "replace": lambda config: dataclasses.replace(config, seed=config.seed),
     "copy": copy.copy,

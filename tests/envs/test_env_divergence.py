@@ -10,6 +10,8 @@ from torchrl.collectors import Collector
 from locomotion.envs import LocomotionEnv
 from locomotion.options import readings
 
+pytestmark = pytest.mark.slow
+
 NAN, INF = math.nan, math.inf
 #: Entry of the state (position or velocity, index) and the value it is given.
 BAD = {

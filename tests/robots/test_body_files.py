@@ -11,6 +11,8 @@ from locomotion import compose
 from locomotion.options import ConfigError
 from locomotion.robots import BodyError, load_robot, parse_body
 
+pytestmark = pytest.mark.slow
+
 BODY = "body: {module: core, children: {left: {module: hinge%s}}}\n"
 PLAIN = BODY % ""
 

@@ -8,6 +8,8 @@ from locomotion.config import typed_config
 from locomotion.options import ConfigError
 from locomotion.training.build import make_env, make_learner
 
+pytestmark = pytest.mark.slow
+
 
 def test_the_critic_alone_sees_its_terms(configured):
     config = configured("+obs=history3", "critic=privileged")

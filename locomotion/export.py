@@ -60,7 +60,7 @@ def export(run: Path, config: Config, options: ExportConfig) -> None:
     from locomotion.evaluation import Controller, load_policy, require_parts
     from locomotion.training.build import make_env
 
-    require_parts(run, ("env", "transforms"))
+    require_parts(run, {"env": None, "transforms": None})
     env = make_env(config)
     controller = Controller(config, env, load_policy(run, config, env)).cpu().eval()
     metadata = {

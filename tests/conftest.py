@@ -52,6 +52,28 @@ def command():
     python.close()
 
 
+@pytest.fixture(params=["float64", "float16", "meta"])
+def others_defaults(request):
+    """Sets torch's default dtype, or its default device, in a block.
+
+    The device ``meta`` stands for any but the CPU.
+    """
+
+    class Block:
+        def __enter__(self):
+            if request.param == "meta":
+                torch.set_default_device("meta")
+            else:
+                torch.set_default_dtype(getattr(torch, request.param))
+
+        def __exit__(self, *_):
+            torch.set_default_device(None)
+            torch.set_default_dtype(torch.float32)
+
+    yield Block()
+    Block().__exit__()
+
+
 class Target(EnvBase):
     """Pays for hitting a target that the observation names; the best action is known.
 

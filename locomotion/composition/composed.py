@@ -27,6 +27,7 @@ def composed(overrides: Sequence[str]) -> DictConfig:
         ConfigError: for what a stranger's configuration may not set, or a body not from a file.
     """
     config = hydra.compose("config", list(overrides), return_hydra_config=True)
+    # Files of the project's own set nothing that is fixed, and no body but a robot's.
     trusted = all(source.provider in _OWN_SOURCES for source in config.hydra.runtime.config_sources)
     if not trusted or any(line.lstrip("+~").startswith("hydra") for line in overrides):
         refuse_what_is_fixed(config, _own)

@@ -91,13 +91,8 @@ class Controller(nn.Module):
 
 
 def _require_known(env: TransformedEnv, known: Iterable[nn.Module]) -> None:
-    others = [
-        type(transform).__name__
-        for transform in env.transform
-        if not isinstance(
-            transform, (InitTracker, TensorDictPrimer)
-        )  # of a recurrent policy's memory
-    ]
+    memory = (InitTracker, TensorDictPrimer)  # of a recurrent policy
+    others = [type(one).__name__ for one in env.transform if not isinstance(one, memory)]
     for transform in known:
         others.remove(type(transform).__name__)
     if others:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase, TransformedEnv
@@ -17,19 +18,19 @@ from locomotion.runs.folder import read_passed
 from locomotion.training.build import make_learner
 
 
-def require_parts(run: Path, parts: Iterable[str], given: Iterable[str] = ()) -> None:
+def require_parts(run: Path, given: Mapping[str, Any]) -> None:
     """Raises a :class:`RunError` if a run was trained with parts of somebody's own that are not given.
 
     Its folder has their names alone, so they cannot be made from it.
 
     Args:
         run: the run's folder.
-        parts: those that matter, among the arguments of :func:`locomotion.train`.
-        given: those that are there.
+        given: the parts that matter, by the arguments of :func:`locomotion.train`; ``None`` for one that
+            is not there.
     """
     passed = read_passed(run)
-    needed = {*parts} - {*given}
-    missing = [part for part, name in passed.items() if name and part in needed]
+    absent = {part for part, value in given.items() if value is None}
+    missing = [part for part, name in passed.items() if name and part in absent]
     if missing:
         listed = ", ".join(f"{part}={passed[part]}" for part in missing)
         raise RunError(
@@ -61,8 +62,7 @@ def load_policy(
         RunError: if there is no checkpoint that can be read, its weights are not finite, or the run was
             trained with one of these and it is not passed.
     """
-    given = {"in_keys": in_keys, "network": network, "learner": learner}
-    require_parts(run, given, (part for part, value in given.items() if value is not None))
+    require_parts(run, {"in_keys": in_keys, "network": network, "learner": learner})
     made = make_learner(config, env, in_keys, network) if learner is None else learner(env)
     policy = made.policy
     iteration = Checkpoints(run, policy=policy).load_latest()

@@ -161,8 +161,7 @@ def make_walker(
             somebody's own that is not passed.
     """
     disturbances = disturbances or Disturbances()
-    around = {"env": env, "transforms": transforms}
-    require_parts(run, around, (part for part, value in around.items() if value is not None))
+    require_parts(run, {"env": env, "transforms": transforms})
     torch.manual_seed(config.seed)
     environment = make_env(config, env, transforms or (), network)
     policy = load_policy(

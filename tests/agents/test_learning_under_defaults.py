@@ -16,25 +16,6 @@ pytestmark = pytest.mark.slow
 NETWORKS = {"mlp": lambda: MLP(width=8, hidden=[8]), "gru": lambda: GRU(width=8, hidden_size=7)}
 
 
-@pytest.fixture(params=["float64", "float16", "meta"])
-def others_defaults(request):
-    """Sets one of the two in a block; the device ``meta`` stands for any but the CPU."""
-
-    class Block:
-        def __enter__(self):
-            if request.param == "meta":
-                torch.set_default_device("meta")
-            else:
-                torch.set_default_dtype(getattr(torch, request.param))
-
-        def __exit__(self, *_):
-            torch.set_default_device(None)
-            torch.set_default_dtype(torch.float32)
-
-    yield Block()
-    Block().__exit__()
-
-
 @pytest.mark.parametrize("network", NETWORKS)
 def test_a_learner_has_the_same_weights_and_learns_the_same(network, others_defaults, target_env):
     environments = [target_env(6, 4) for _ in range(2)]

@@ -14,25 +14,6 @@ from locomotion.transforms import IncludeOrientation, SensorNoise
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(params=["float64", "float16", "meta"])
-def others_defaults(request):
-    """Sets one of the two in a block; the device ``meta`` stands for any but the CPU."""
-
-    class Block:
-        def __enter__(self):
-            if request.param == "meta":
-                torch.set_default_device("meta")
-            else:
-                torch.set_default_dtype(getattr(torch, request.param))
-
-        def __exit__(self, *_):
-            torch.set_default_device(None)
-            torch.set_default_dtype(torch.float32)
-
-    yield Block()
-    Block().__exit__()
-
-
 def both(make, block):
     expected = make()
     with block:

@@ -79,13 +79,17 @@ class Row:
 def table(rows: Sequence[Row]) -> str:
     """All rows below each other, under a line of headings."""
     heads = ("", "median", "min to max", "target", "met", "context (medians)")
-    lines = [heads, *(row.cells() for row in rows)]
+    return aligned([heads, *(row.cells() for row in rows)])
+
+
+def aligned(lines: Sequence[Sequence[str]]) -> str:
+    """Lines of as many cells, in columns; the first line has the headings."""
     widths = [max(len(cell) for cell in column) for column in zip(*lines, strict=True)]
-    aligned = [
+    texts = [
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
         for line in lines
     ]
-    return "\n".join([aligned[0], "-" * len(aligned[0]), *aligned[1:]])
+    return "\n".join([texts[0], "-" * len(texts[0]), *texts[1:]])
 
 
 def machine() -> dict[str, str]:

@@ -88,7 +88,7 @@ def evaluate(run: Path) -> Row:
 def _speeds(run: Path, config: Config, start: Start) -> dict[str, float]:
     from locomotion.evaluation import make_walker, measure, walk
 
-    config.env = dataclasses.replace(config.env, start=start, time_limit=None)
+    config.env = dataclasses.replace(config.env, start=start, overturned=0.5, time_limit=None)
     walker = make_walker(run, config)
     found = measure(walk(walker, SECONDS))
     hinges = float(len(walker.base_env.hinge_names))

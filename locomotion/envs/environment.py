@@ -14,6 +14,7 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 
 from locomotion.envs.divergence import Divergence, DivergenceLog
+from locomotion.envs.episodes import Episodes
 from locomotion.envs.making import task_and_physics
 from locomotion.envs.observables import add_observables
 from locomotion.envs.specs import FLAGS, READINGS, make_specs
@@ -49,6 +50,8 @@ class LocomotionEnv(EnvBase):
         physics: how robots are stepped, and for a task in short form the properties of modules: a
             :class:`PhysicsConfig`, or some of its keys.
         time_limit: length of an episode (s), truncated then; ``None`` for a continuing task.
+        stagger: whether a reset of all robots starts each at a random time of its episode, so that they
+            do not all reach the time limit at once.
         seed: of the random targets at the start; ``None`` draws one from torch's generator.
         settings: for a task in short form, keys of :class:`EnvConfig`.
 
@@ -66,6 +69,7 @@ class LocomotionEnv(EnvBase):
         readings: Sequence[str] = READINGS,
         physics: PhysicsConfig | Mapping[str, Any] | None = None,
         time_limit: float | None = None,
+        stagger: bool = False,
         seed: int | None = None,
         **settings: Any,
     ) -> None:
@@ -82,10 +86,8 @@ class LocomotionEnv(EnvBase):
         sensors = any(reading.sensors for reading in self._readings.values())
         self._physics = make_physics(compile_model(task, sensors), num_envs, physics)
         self._substeps = substeps(1 / period, task.physics_timestep)
-        self._step_limit = limits.step_limit
         at = self._physics.device
-        self._start = torch.zeros(num_envs, 2, dtype=torch.float64, device=at)
-        self._steps = torch.zeros(num_envs, dtype=torch.int64, device=at)
+        self._episodes = Episodes(num_envs, at, limits.step_limit, task.compass, stagger)
         self._work = torch.zeros(num_envs, dtype=torch.float64, device=at)
         self._divergences = DivergenceLog()
         self._hooks: list[Callable[[Physics], None]] = []
@@ -144,7 +146,8 @@ class LocomotionEnv(EnvBase):
     def state(self) -> RobotState:
         """The robots as they are now; what it holds changes with the next step."""
         work = self._work if self._task.needs_work else None
-        return RobotState(self._task, self.model, self._physics.field, self._start, work)
+        read, began = self._physics.field, self._episodes
+        return RobotState(self._task, self.model, read, began.start, work, began.heading)
 
     def _set_seed(self, seed: int | None) -> None:
         # On the CPU wherever the robots are, so that they start in the same way.
@@ -165,21 +168,23 @@ class LocomotionEnv(EnvBase):
         # Targets are drawn for all robots, so that a partial reset uses up as much randomness.
         limit = self._task.target_limit
         targets = torch.empty(self.num_envs, self.model.nu, dtype=torch.float64, device="cpu")
-        targets = targets.uniform_(-limit, limit, generator=self._generator).to(self._start.device)
+        targets = targets.uniform_(-limit, limit, generator=self._generator).to(
+            self._physics.device
+        )
         self._physics.reset(where)
         if self._task.start is Start.any:
-            poses = start_poses(self._task.robot, self.num_envs, self._generator)
-            self._physics.qpos[rows, 2:7] = poses.to(self._start.device)[rows]
+            share = self._task.overturned
+            poses = start_poses(self._task.robot, self.num_envs, share, self._generator)
+            self._physics.qpos[rows, 2:7] = poses.to(self._physics.device)[rows]
+        self._episodes.face(self.state.heading, rows)
         diverged = self._physics.step(targets, self._task.settle_steps, where)
         self._divergences.note(diverged, self._physics, targets)
         if not self._task.settle_steps:
             self._physics.forward(where)
-        self._start_here(rows)
+        self._episodes.begin(self._physics.qpos[:, :2], rows)
+        if where is None:
+            self._episodes.stagger(self._generator)
         return self._result(*self._flags())
-
-    def _start_here(self, rows: torch.Tensor | slice) -> None:
-        self._start[rows] = self._physics.qpos[rows, :2]
-        self._steps[rows] = 0
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         action = tensordict.get("action", None)
@@ -196,11 +201,9 @@ class LocomotionEnv(EnvBase):
         if diverged is not None:
             terminated[:, 0] = diverged
             reward.masked_fill_(terminated, 0.0)
-        if self._step_limit is not None:
-            self._steps += 1
-            truncated[:, 0] = self._steps >= self._step_limit
+        self._episodes.step(truncated)
+        if diverged is not None or self._episodes.step_limit is not None:
             truncated &= ~terminated
-        if diverged is not None or self._step_limit is not None:
             torch.logical_or(terminated, truncated, out=done)
         return self._result(done, terminated, truncated, reward=reward)
 
@@ -211,7 +214,7 @@ class LocomotionEnv(EnvBase):
     def _before(self) -> RobotState:
         motion, nq = self._physics.previous, self.model.nq
         parts = {"time": motion[:, 0], "qpos": motion[:, 1 : 1 + nq], "qvel": motion[:, 1 + nq :]}
-        return RobotState(self._task, self.model, parts.__getitem__, self._start)
+        return RobotState(self._task, self.model, parts.__getitem__, self._episodes.start)
 
     def reward(self, before: RobotState, after: RobotState) -> torch.Tensor:
         """Pays robots for a control step; by default the rewards of the task.
@@ -273,27 +276,26 @@ class LocomotionEnv(EnvBase):
         motion[:, 1 : 1 + nq] = qpos
         motion[:, 1 + nq :] = qvel
         self._physics.motion[rows] = motion[rows]
+        self._episodes.face(self.state.heading, rows)
         self._physics.forward(where)
-        self._start_here(rows)
+        self._episodes.begin(self._physics.qpos[:, :2], rows)
 
     def get_extra_state(self) -> dict[str, Any]:
         """All that decides what comes next, for :meth:`~torch.nn.Module.state_dict`."""
         return {
             "physics": self._physics.state_dict(),
-            "start": self._start.clone(),
-            "steps": self._steps.clone(),
+            "episodes": self._episodes.state_dict(),
             "generator": self._generator.get_state(),
         }
 
     def set_extra_state(self, state: Mapping[str, Any]) -> None:
         self._physics.load_state_dict(state["physics"])
-        self._start.copy_(state["start"])
-        self._steps.copy_(state["steps"])
+        self._episodes.load_state_dict(state["episodes"])
         self._generator.set_state(state["generator"])
 
     def _flags(self) -> tuple[torch.Tensor, ...]:
         """Three flags that nobody has raised, bool of shape ``(num_envs, 1)``."""
-        return self._start.new_zeros(3, self.num_envs, 1, dtype=torch.bool).unbind()
+        return self._episodes.start.new_zeros(3, self.num_envs, 1, dtype=torch.bool).unbind()
 
     def close(self, **kwargs: Any) -> None:
         self._physics.close()

@@ -58,6 +58,8 @@ def make_task(
         physics_timestep=physics.timestep,
         settle_time=env.settle_time,
         start=env.start,
+        overturned=env.overturned,
+        compass=env.compass,
         target_limit=env.target_limit,
         latency=physics.latency,
         integrator=physics.integrator,

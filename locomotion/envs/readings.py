@@ -97,8 +97,8 @@ _TABLE = {
     "core_orientation": Reading(
         lambda task: 4,
         "",
-        "orientation of the core, a unit quaternion w x y z, core to world",
-        lambda state: state.orientation,
+        "orientation of the core, a unit quaternion w x y z, core to world (see env.compass)",
+        lambda state: state.sensed_orientation,
         quaternion=True,
     ),
     "core_angular_velocity": Reading(

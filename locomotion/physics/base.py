@@ -10,7 +10,7 @@ import torch
 
 from locomotion.options import ConfigError
 from locomotion.physics.backend import Backend
-from locomotion.physics.bounds import Bounds
+from locomotion.physics.bounds import Bounds, Limits
 from locomotion.tasks.options import delay_for
 from locomotion.tasks.work import hinge_work
 
@@ -29,24 +29,33 @@ class Physics(Backend):
         model: the compiled model that all copies share.
         num_envs: number of copies.
         device: where states are, and everything computed from them.
+        limits: what is believed of a robot's motion.
 
     Attributes:
         model: as given.
         num_envs: as given.
         device: as given.
+        limits: as given.
         closed: whether it can no longer be stepped.
         previous: times, positions and velocities before the last :meth:`step`, or while it is watched
             before the last physics step, float64 of shape ``(num_envs, 1 + nq + nv)``.
     """
 
-    def __init__(self, model: mujoco.MjModel, num_envs: int, device: torch.device) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num_envs: int,
+        device: torch.device,
+        limits: Limits | None = None,
+    ) -> None:
         _require_walker(model)
         self.model = model
         self.num_envs = num_envs
         self.device = device
+        self.limits = limits or Limits()
         self.closed = False
         columns = 1 + model.nq + model.nv
-        self._bounds = Bounds(columns, model.opt.timestep, device)
+        self._bounds = Bounds(self.limits, columns, model.opt.timestep, device)
         self._parameters: dict[str, torch.Tensor] = {}
         self._shared: dict[str, torch.Tensor] = {}
         self.previous = torch.zeros(num_envs, columns, dtype=torch.float64, device=device)
@@ -155,7 +164,8 @@ class Physics(Backend):
         """Steps copies under a control that is held.
 
         A copy diverges if its control is not finite, if MuJoCo gives its state up, or if the state that
-        it comes to is not finite or beyond :data:`CEILING`, :data:`MOST_SPEED` or :data:`MOST_STATE`.
+        it comes to is not finite or beyond :attr:`limits` or
+        :data:`~locomotion.physics.bounds.MOST_STATE`.
         It is then left in the state that led there or, where that was not one to step from, in the
         model's initial state.
 

@@ -15,6 +15,7 @@ import torch
 from mujoco.batch import Batch, SimulationError
 
 from locomotion.physics.base import Physics
+from locomotion.physics.bounds import Limits
 
 _NO_STAGE = int(mujoco.mjtStage.mjSTAGE_NONE)
 
@@ -30,18 +31,25 @@ class BatchPhysics(Physics):
         model: the compiled model.
         num_envs: number of copies.
         threads: threads that step them; ``None`` takes one for each core that the process may use.
+        limits: what is believed of a robot's motion.
     """
 
     MOST_STEPS = 1000
 
-    def __init__(self, model: mujoco.MjModel, num_envs: int, threads: int | None = None) -> None:
-        super().__init__(model, num_envs, torch.device("cpu"))
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num_envs: int,
+        threads: int | None = None,
+        limits: Limits | None = None,
+    ) -> None:
+        super().__init__(model, num_envs, torch.device("cpu"), limits)
         self._threads = threads
         self._make()
         self.reset()
 
     def _arguments(self) -> tuple[Any, ...]:
-        return self.model, self.num_envs, self._threads
+        return self.model, self.num_envs, self._threads, self.limits
 
     def _make(self) -> None:
         # A robot that went wrong is seen by its state, which MuJoCo would otherwise make a sound one of.

@@ -2,25 +2,41 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import torch
 
-#: Bounds that no robot reaches by itself: the core's height (m), its mean speed along the ground (m/s),
-#: and any other position or velocity (SI units).
-CEILING = 10.0
-MOST_SPEED = 20.0
+from locomotion.physics.options import HEIGHT_LIMIT, SPEED_LIMIT
+
+#: Bound of any other position or velocity (SI units).
 MOST_STATE = 1000.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Limits:
+    """The motion that is believed of a robot; a simulation beyond it diverges.
+
+    Attributes:
+        height: of the core (m).
+        speed: of the core along the ground, on average over a control step (m/s).
+    """
+
+    height: float = HEIGHT_LIMIT
+    speed: float = SPEED_LIMIT
 
 
 class Bounds:
     """The states to which some physics steps can lead a sound simulation.
 
     Args:
+        limits: of height and speed.
         columns: times, positions and velocities in a row of states.
         timestep: length of a physics step (s).
         device: where states are.
     """
 
-    def __init__(self, columns: int, timestep: float, device: torch.device) -> None:
+    def __init__(self, limits: Limits, columns: int, timestep: float, device: torch.device) -> None:
+        self._limits = limits
         self._timestep = timestep
         # A state is compared with where it should be: time and place are known, the rest is around 0.
         self._known = torch.zeros(columns, dtype=torch.float64, device=device)
@@ -47,8 +63,8 @@ class Bounds:
     def _make(self, steps: int) -> tuple[torch.Tensor, torch.Tensor]:
         bound = torch.full_like(self._known, MOST_STATE)
         bound[0] = self._timestep / 2
-        bound[1:3] = MOST_SPEED * steps * self._timestep
-        bound[3] = CEILING
+        bound[1:3] = self._limits.speed * steps * self._timestep
+        bound[3] = self._limits.height
         ahead = torch.zeros_like(self._known)
         ahead[0] = steps * self._timestep
         return ahead, bound

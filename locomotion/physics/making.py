@@ -6,6 +6,7 @@ import mujoco
 
 from locomotion.physics.base import Physics
 from locomotion.physics.batch import BatchPhysics
+from locomotion.physics.bounds import Limits
 from locomotion.physics.options import PhysicsBackend, PhysicsConfig
 
 
@@ -16,8 +17,9 @@ def make_physics(model: mujoco.MjModel, num_envs: int, config: PhysicsConfig) ->
         ConfigError: if this machine lacks the packages or the device for it.
     """
     config.require()
+    limits = Limits(config.height_limit, config.speed_limit)
     if config.backend is PhysicsBackend.threaded:
-        return BatchPhysics(model, num_envs, config.threads)
+        return BatchPhysics(model, num_envs, config.threads, limits)
     from locomotion.physics.warp import WarpPhysics  # an extra, which need not be installed
 
-    return WarpPhysics(model, num_envs, config.device, config.contacts)
+    return WarpPhysics(model, num_envs, config.device, config.contacts, limits)

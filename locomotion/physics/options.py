@@ -11,6 +11,9 @@ from locomotion.options import Checked, ConfigError, key
 from locomotion.robots.geometry import ARMATURE, DAMPING, FRICTION, STIFFNESS
 from locomotion.tasks.options import TIMESTEP, Integrator
 
+#: Motion that no robot reaches by itself: height of the core (m), and its speed along the ground (m/s).
+HEIGHT_LIMIT, SPEED_LIMIT = 10.0, 20.0
+
 
 class PhysicsBackend(enum.Enum):
     """Options of the physics."""
@@ -48,6 +51,18 @@ class PhysicsConfig(Checked):
         "implicitfast, or implicit: a step takes 1.5 times as long, and bodies that tumble fast gain no"
         " energy from it",
         default=Integrator.implicitfast,
+    )
+    height_limit: float = key(
+        "height of the core (m) beyond which a simulation counts as diverged, and the robot is put back",
+        default=HEIGHT_LIMIT,
+        above=0,
+        most=1_000_000,
+    )
+    speed_limit: float = key(
+        "mean speed of the core along the ground in a control step (m/s), likewise",
+        default=SPEED_LIMIT,
+        above=0,
+        most=1_000_000,
     )
     stiffness: float = key("of the hinges' servos (N·m/rad)", default=STIFFNESS, above=0, most=1000)
     damping: float = key("of the hinges' servos (N·m·s/rad)", default=DAMPING, least=0, most=1000)

@@ -15,6 +15,7 @@ import warp as wp
 
 from locomotion.options import ConfigError
 from locomotion.physics.base import Physics
+from locomotion.physics.bounds import Limits
 
 #: Most contacts of a box on a plane, its face's corners.
 _CORNERS = 4
@@ -42,6 +43,7 @@ class WarpPhysics(Physics):
         device: ``cpu``, ``cuda:0`` and so on.
         contacts: how many contacts at once each copy has room for. ``None`` makes room for all
             that can be with the ground, and two for each geom that can touch another module.
+        limits: what is believed of a robot's motion.
     """
 
     #: The size of a graph, and the time to capture it, grow with its steps.
@@ -53,8 +55,9 @@ class WarpPhysics(Physics):
         num_envs: int,
         device: str = "cpu",
         contacts: int | None = None,
+        limits: Limits | None = None,
     ) -> None:
-        super().__init__(model, num_envs, torch.device(device))
+        super().__init__(model, num_envs, torch.device(device), limits)
         self.contacts = contacts or suggested_contacts(model)
         self._warp_device = _warp_device(device)
         self._motion = self.previous.clone()
@@ -94,7 +97,7 @@ class WarpPhysics(Physics):
             return wp.to_torch(array)
 
     def _arguments(self) -> tuple[Any, ...]:
-        return self.model, self.num_envs, str(self.device), self.contacts
+        return self.model, self.num_envs, str(self.device), self.contacts, self.limits
 
     @property
     def motion(self) -> torch.Tensor:

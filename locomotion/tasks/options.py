@@ -47,9 +47,19 @@ class EnvConfig(Checked):
         most=3600,
     )
     start: Start = key(
-        "pose of the core at the start: upright and facing along x, or any: any heading, and every other"
-        " time overturned",
+        "pose of the core at the start: upright and facing along x, or any: any heading, upright or overturned",
         default=Start.upright,
+    )
+    overturned: float = key(
+        "with env.start=any, how many of the starts are overturned, 0 to 1",
+        default=0.5,
+        least=0,
+        most=1,
+    )
+    compass: bool = key(
+        "whether orientations tell the heading in the world; false: the heading from that at the start, as an"
+        " IMU without a magnetometer does",
+        default=True,
     )
     time_limit: float | None = key(
         "length of an episode (s), then a reset; null: robots walk on for ever",

@@ -28,6 +28,8 @@ class RobotState:
             ``(robots, 2)``.
         work: by all hinges of a robot in the last control step (J), the integral of torque times speed
             without regard to sign, shape ``(robots,)``; ``None`` unless something asked for it.
+        start_heading: headings at which their episodes began (rad), float64 of shape ``(robots,)``, for
+            robots without a compass; ``None`` for robots with one.
     """
 
     task: WalkAway
@@ -35,6 +37,7 @@ class RobotState:
     field: Callable[[str], torch.Tensor]
     start: torch.Tensor
     work: torch.Tensor | None = None
+    start_heading: torch.Tensor | None = None
 
     @property
     def xy(self) -> torch.Tensor:
@@ -51,6 +54,21 @@ class RobotState:
         """Angles from the world's x axis to the cores' on the ground (rad), shape ``(robots,)``."""
         w, x, y, z = self.orientation.unbind(-1)
         return (2 * (x * y + w * z)).atan2(1 - 2 * (y * y + z * z))
+
+    @property
+    def sensed_orientation(self) -> torch.Tensor:
+        """Orientations as an IMU tells them: with a compass those in the world, without one those in a
+        world that is turned by the heading at the start.
+        """
+        if self.start_heading is None:
+            return self.orientation
+        cos, sin = (self.start_heading / 2).cos(), (self.start_heading / 2).sin()
+        orientation = self.orientation
+        w, x, y, z = orientation.unbind(-1)
+        turned = orientation.new_empty(orientation.shape)
+        turned[:, 0], turned[:, 1] = cos * w + sin * z, cos * x + sin * y
+        turned[:, 2], turned[:, 3] = cos * y - sin * x, cos * z - sin * w
+        return turned
 
     @property
     def seconds(self) -> torch.Tensor:

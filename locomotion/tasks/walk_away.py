@@ -47,6 +47,8 @@ class WalkAway(composer.Task):
         physics_timestep: length of a physics step (s); must divide ``control_timestep``.
         settle_time: how long the robot settles at the start (s).
         start: pose of the core at the start, before it settles.
+        overturned: how many of the starts of ``Start.any`` are overturned, 0 to 1.
+        compass: whether orientations tell the heading in the world, or that from the start.
         target_limit: hinge targets are clipped to so much to either side (rad).
         latency: how late hinges get their targets (s). MuJoCo keeps the targets that are under way.
             Robots that are stepped together may each have a shorter one, through
@@ -71,6 +73,8 @@ class WalkAway(composer.Task):
         physics_timestep: float = TIMESTEP,
         settle_time: float = _DEFAULTS.settle_time,
         start: Start = _DEFAULTS.start,
+        overturned: float = _DEFAULTS.overturned,
+        compass: bool = _DEFAULTS.compass,
         target_limit: float = _DEFAULTS.target_limit,
         latency: float = 0.0,
         integrator: Integrator = Integrator.implicitfast,
@@ -82,6 +86,8 @@ class WalkAway(composer.Task):
         self.rewards = (Distance(),) if rewards is None else tuple(rewards)
         self.settle_time = settle_time
         self.start = start
+        self.overturned = overturned
+        self.compass = compass
         self.target_limit = target_limit
         self.clock_frequency = clock_frequency
         self._arena = Ground() if arena is None else arena
@@ -107,6 +113,7 @@ class WalkAway(composer.Task):
         self.set_timesteps(control_timestep, physics_timestep)
         self._observables: dict[str, observable.Observable] = {}
         self._start = torch.zeros(1, 2, dtype=torch.float64, device="cpu")
+        self._start_heading = None if compass else torch.zeros_like(self._start[:, 0])
         self._work: torch.Tensor | None = None
         self._felt: np.ndarray | None = None
 
@@ -184,7 +191,9 @@ class WalkAway(composer.Task):
             value = self._felt if felt else getattr(physics.data, name)
             return torch.tensor(np.asarray(value), dtype=torch.float64, device="cpu")[None]
 
-        return RobotState(self, physics.model.ptr, field, self._start, self._work)
+        return RobotState(
+            self, physics.model.ptr, field, self._start, self._work, self._start_heading
+        )
 
     def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
         """Targets of all hinges (rad), in the order of ``robot.hinges``."""
@@ -196,7 +205,11 @@ class WalkAway(composer.Task):
     ) -> None:
         if self.start is Start.any:
             generator = torch.Generator().manual_seed(int(random_state.randint(2**31)))
-            physics.data.qpos[2:7] = start_poses(self.robot, 1, generator)[0].numpy()
+            physics.data.qpos[2:7] = start_poses(self.robot, 1, self.overturned, generator)[
+                0
+            ].numpy()
+        if self._start_heading is not None:
+            self._start_heading = self.state(physics).heading
         limit = self.target_limit
         targets = random_state.uniform(-limit, limit, len(self.robot.hinges))
         physics.bind(self.robot.actuators).ctrl = targets

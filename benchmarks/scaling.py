@@ -1,0 +1,83 @@
+"""Measures what a control step costs as work grows: ``python -m benchmarks.scaling``.
+
+Each line of the table is training in a process of its own, with its own peak of memory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import multiprocessing
+import os
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+from tqdm import tqdm
+
+from benchmarks.arguments import Parser
+from benchmarks.cells import Cell, measure_cell, write_body
+from benchmarks.rows import aligned, load, machine, usable_cores
+
+DESCRIPTION = (
+    "Measures time and memory of a control step from 64 to 65,536 robots and 5 to 40 hinges."
+)
+ROBOTS = (64, 256, 1024, 4096, 16_384, 65_536)
+#: Hinges of the bodies that as many robots have, as a reader of the table compares them.
+HINGES, AT = (5, 10, 20, 40), 1024
+#: Hinges of the body of which there are ever more, as many as the Ant has.
+USUAL = 8
+
+NOTES = """\
+A control step of one robot in training, with everything: MuJoCo, environment and transforms, the policy,
+storage, and its share of the update with the report's epochs and minibatches. Memory: the most that the
+process ever took."""
+
+
+def main() -> None:
+    """Measures what the command line asks for, and prints the table."""
+    parser = Parser("benchmarks.scaling", DESCRIPTION, "two numbers of robots and of hinges")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the table there")
+    arguments = parser.parse_args()
+    os.environ.setdefault("MUJOCO_GL", "disabled")
+    started, about = time.perf_counter(), {**machine(), "load at the start": load()}
+    with tempfile.TemporaryDirectory(prefix="scaling_") as folder:
+        cells = [measured(cell) for cell in tqdm(planned(arguments, Path(folder)), disable=None)]
+    about |= {"load at the end": load(), "seconds": f"{time.perf_counter() - started:.0f}"}
+    print(*(f"{name}: {value}" for name, value in about.items()), sep="\n", end="\n\n")
+    print(aligned([HEAD, *map(Cell.cells, cells)]), NOTES, sep="\n\n")
+    if arguments.quick:
+        print("--quick: a smoke test, whose numbers mean nothing.")
+    if arguments.json is not None:
+        results = {"machine": about, "quick": arguments.quick, "rows": [*map(vars, cells)]}
+        arguments.json.write_text(json.dumps(results, indent=2) + "\n")
+    if arguments.plot is not None:
+        from benchmarks.growth_plot import draw
+
+        draw(cells, AT, arguments.plot)
+
+
+HEAD = ("robots", "hinges", "cores", "us", *Cell.PARTS, "memory (GB)")
+
+
+def planned(arguments: argparse.Namespace, folder: Path) -> list[tuple]:
+    """Arguments of :func:`~benchmarks.cells.measure_cell`: robots at one size of body, bodies at one number."""
+    robots, hinges = (ROBOTS[:2], HINGES[:2]) if arguments.quick else (ROBOTS, HINGES)
+    sizes = [(count, USUAL) for count in robots]
+    sizes += [(robots[-1] if arguments.quick else AT, count) for count in hinges]
+    bodies = {count: write_body(folder, count) for _, count in sizes}
+    threads = sorted({1, usable_cores()})
+    return [(*size, cores, bodies[size[1]]) for size, cores in itertools.product(sizes, threads)]
+
+
+def measured(arguments: tuple) -> Cell:
+    """A line of the table, from a process of its own."""
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=context) as process:
+        return process.submit(measure_cell, *arguments).result()
+
+
+if __name__ == "__main__":
+    main()

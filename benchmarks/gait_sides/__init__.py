@@ -15,6 +15,16 @@ from typing import Any
 EXPERIMENTS: dict[str, tuple[str, ...]] = {
     "report": (),
     "quick": ("+experiment=quick",),
+    # The setting that had the name before, on two bodies alone.
+    "former": (
+        "env.num_envs=1024",
+        "ppo.iterations=150",
+        "ppo.steps=2",
+        "ppo.epochs=5",
+        "ppo.minibatch_size=256",
+        "ppo.actor_lr=4e-3",
+        "ppo.critic_lr=4e-3",
+    ),
 }
 
 #: Others by name: the module here that runs them, and whether their robots are ours.

@@ -67,6 +67,11 @@ class EnvConfig(Checked):
         above=0,
         most=1_000_000_000,
     )
+    stagger: bool = key(
+        "with env.time_limit, whether robots begin a training at random times of their episodes, so that they"
+        " are not all reset at once",
+        default=False,
+    )
     target_limit: float = key(
         "how far (rad) a hinge can be sent to either side; what is further is clipped",
         default=1.0,

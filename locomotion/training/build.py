@@ -39,7 +39,7 @@ def make_env(
             readings=_readings(config),
             physics=config.physics,
             time_limit=config.env.time_limit,
-            stagger=True,
+            stagger=config.env.stagger,
             seed=config.seed,
         )
     observing, _, _ = _observing(config, base_env)

@@ -25,11 +25,12 @@ class Parser(argparse.ArgumentParser):
     def parse_args(self, *passed: Any) -> argparse.Namespace:
         """The arguments; a file for results that cannot be written is found out before it is needed."""
         arguments = super().parse_args(*passed)
-        if arguments.json is not None:
-            try:
-                arguments.json.touch()
-            except OSError as error:
-                self.error(f"--json {arguments.json}: {error.strerror}")
+        for name, value in vars(arguments).items():
+            if name in ("json", "plot") and value is not None:
+                try:
+                    value.touch()
+                except OSError as error:
+                    self.error(f"--{name} {value}: {error.strerror}")
         return arguments
 
     def error(self, message: str) -> NoReturn:

@@ -18,8 +18,8 @@ from pathlib import Path
 from tqdm import tqdm
 
 from benchmarks.arguments import Parser
-from benchmarks.cells import Cell, measure_cell, write_body
 from benchmarks.rows import aligned, load, machine, usable_cores
+from benchmarks.scaling_cells import Cell, measure_cell, write_body
 
 DESCRIPTION = (
     "Measures time and memory of a control step from 64 to 65,536 robots and 5 to 40 hinges."
@@ -29,6 +29,7 @@ ROBOTS = (64, 256, 1024, 4096, 16_384, 65_536)
 HINGES, AT = (5, 10, 20, 40), 1024
 #: Hinges of the body of which there are ever more, as many as the Ant has.
 USUAL = 8
+HEAD = ("robots", "hinges", "cores", "us", *Cell.PARTS, "memory (GB)")
 
 NOTES = """\
 A control step of one robot in training, with everything: MuJoCo, environment and transforms, the policy,
@@ -54,16 +55,13 @@ def main() -> None:
         results = {"machine": about, "quick": arguments.quick, "rows": [*map(vars, cells)]}
         arguments.json.write_text(json.dumps(results, indent=2) + "\n")
     if arguments.plot is not None:
-        from benchmarks.growth_plot import draw
+        from benchmarks.scaling_plot import draw
 
-        draw(cells, AT, arguments.plot)
-
-
-HEAD = ("robots", "hinges", "cores", "us", *Cell.PARTS, "memory (GB)")
+        draw(cells, cells[-1].robots, arguments.plot)
 
 
 def planned(arguments: argparse.Namespace, folder: Path) -> list[tuple]:
-    """Arguments of :func:`~benchmarks.cells.measure_cell`: robots at one size of body, bodies at one number."""
+    """Arguments of :func:`~benchmarks.scaling_cells.measure_cell`: robots at one size of body, bodies at one number."""
     robots, hinges = (ROBOTS[:2], HINGES[:2]) if arguments.quick else (ROBOTS, HINGES)
     sizes = [(count, USUAL) for count in robots]
     sizes += [(robots[-1] if arguments.quick else AT, count) for count in hinges]

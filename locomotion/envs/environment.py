@@ -50,8 +50,7 @@ class LocomotionEnv(EnvBase):
         physics: how robots are stepped, and for a task in short form the properties of modules: a
             :class:`PhysicsConfig`, or some of its keys.
         time_limit: length of an episode (s), truncated then; ``None`` for a continuing task.
-        stagger: whether a reset of all robots starts each at a random time of its episode, so that they
-            do not all reach the time limit at once.
+        stagger: whether a reset of all robots starts each at a random time of its episode.
         seed: of the random targets at the start; ``None`` draws one from torch's generator.
         settings: for a task in short form, keys of :class:`EnvConfig`.
 
@@ -146,8 +145,8 @@ class LocomotionEnv(EnvBase):
     def state(self) -> RobotState:
         """The robots as they are now; what it holds changes with the next step."""
         work = self._work if self._task.needs_work else None
-        read, began = self._physics.field, self._episodes
-        return RobotState(self._task, self.model, read, began.start, work, began.heading)
+        began = (self._episodes.start, work, self._episodes.heading)
+        return RobotState(self._task, self.model, self._physics.field, *began)
 
     def _set_seed(self, seed: int | None) -> None:
         # On the CPU wherever the robots are, so that they start in the same way.
@@ -173,10 +172,10 @@ class LocomotionEnv(EnvBase):
         )
         self._physics.reset(where)
         if self._task.start is Start.any:
-            share = self._task.overturned
-            poses = start_poses(self._task.robot, self.num_envs, share, self._generator)
+            robot, share = self._task.robot, self._task.overturned
+            poses = start_poses(robot, self.num_envs, share, self._generator)
             self._physics.qpos[rows, 2:7] = poses.to(self._physics.device)[rows]
-        self._episodes.face(self.state.heading, rows)
+        self._episodes.face(self.state, rows)
         diverged = self._physics.step(targets, self._task.settle_steps, where)
         self._divergences.note(diverged, self._physics, targets)
         if not self._task.settle_steps:
@@ -276,7 +275,7 @@ class LocomotionEnv(EnvBase):
         motion[:, 1 : 1 + nq] = qpos
         motion[:, 1 + nq :] = qvel
         self._physics.motion[rows] = motion[rows]
-        self._episodes.face(self.state.heading, rows)
+        self._episodes.face(self.state, rows)
         self._physics.forward(where)
         self._episodes.begin(self._physics.qpos[:, :2], rows)
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import torch
 
+from locomotion.tasks import RobotState
+
 
 class Episodes:
     """The beginnings of the episodes of robots, a row each.
@@ -38,10 +40,10 @@ class Episodes:
         self.heading = None if compass else torch.zeros_like(self.start[:, 0])
         self._steps = torch.zeros(num_envs, dtype=torch.int64, device=device)
 
-    def face(self, heading: torch.Tensor, rows: torch.Tensor | slice) -> None:
-        """Notes the headings (rad), shape ``(num_envs,)``, at which rows begin."""
+    def face(self, state: RobotState, rows: torch.Tensor | slice) -> None:
+        """Notes the headings at which rows begin, for robots without a compass."""
         if self.heading is not None:
-            self.heading[rows] = heading[rows]
+            self.heading[rows] = state.heading[rows]
 
     def begin(self, xy: torch.Tensor, rows: torch.Tensor | slice) -> None:
         """Begins the episodes of rows at places (m), shape ``(num_envs, 2)``."""

@@ -205,9 +205,8 @@ class WalkAway(composer.Task):
     ) -> None:
         if self.start is Start.any:
             generator = torch.Generator().manual_seed(int(random_state.randint(2**31)))
-            physics.data.qpos[2:7] = start_poses(self.robot, 1, self.overturned, generator)[
-                0
-            ].numpy()
+            (pose,) = start_poses(self.robot, 1, self.overturned, generator)
+            physics.data.qpos[2:7] = pose.numpy()
         if self._start_heading is not None:
             self._start_heading = self.state(physics).heading
         limit = self.target_limit

@@ -8,7 +8,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.cells import Cell
+from benchmarks.scaling_cells import Cell
 from locomotion.writing import replacing
 
 _COLOURS = ("#0072B2", "#D55E00")  # Okabe and Ito's
@@ -19,7 +19,7 @@ def draw(cells: Sequence[Cell], at: int, path: Path) -> None:
 
     Args:
         cells: the table.
-        at: how many robots bodies are compared with.
+        at: how many robots each body has, where bodies are compared.
         path: of the picture.
     """
     usual = cells[0].hinges
@@ -29,8 +29,8 @@ def draw(cells: Sequence[Cell], at: int, path: Path) -> None:
     compared = [cell for cell in cells if cell.robots == at]
     over_robots = (lambda cell: cell.robots, f"robots of {usual} hinges")
     over_hinges = (lambda cell: cell.hinges, f"hinges of each of {at:,} robots")
-    _lines(time, robots, *over_robots, with_physics=True)
-    _lines(bodies, compared, *over_hinges, with_physics=True)
+    _lines(time, robots, *over_robots)
+    _lines(bodies, compared, *over_hinges)
     for cores, colour in zip(sorted({cell.cores for cell in cells}), _COLOURS, strict=False):
         chosen = [cell for cell in robots if cell.cores == cores]
         memory.loglog(
@@ -51,15 +51,13 @@ def _lines(
     cells: Sequence[Cell],
     of: Callable[[Cell], int],
     label: str,
-    with_physics: bool,
 ) -> None:
     for cores, colour in zip(sorted({cell.cores for cell in cells}), _COLOURS, strict=False):
         chosen = sorted((cell for cell in cells if cell.cores == cores), key=of)
         over = [of(cell) for cell in chosen]
         name = f"{cores} core{'s' * (cores > 1)}"
         axes.plot(over, [cell.microseconds for cell in chosen], "o-", color=colour, label=name)
-        if with_physics:
-            physics = [cell.microseconds * cell.parts["physics"] for cell in chosen]
-            axes.plot(over, physics, ":", color=colour, label=f"of which MuJoCo, {name}")
+        physics = [cell.microseconds * cell.parts["physics"] for cell in chosen]
+        axes.plot(over, physics, ":", color=colour, label=f"of which MuJoCo, {name}")
     axes.set_ylim(bottom=0)
     axes.set_xlabel(label)

@@ -19,7 +19,7 @@ TURNS = 5
 
 @dataclasses.dataclass(frozen=True)
 class Cell:
-    """What training takes with so many robots.
+    """Time and memory of training with a number of robots.
 
     Attributes:
         robots: how many.
@@ -59,8 +59,8 @@ def write_body(folder: Path, hinges: int) -> Path:
 def _leg(hinges: int) -> dict[str, Any]:
     outer = _leg(hinges - 1) if hinges > 1 else {"module": "brick"}
     # Hinges bend up and down, then sideways, as in a snake.
-    turned = {"rotation": 90} if hinges % 2 else {"rotation": 270}
-    return {"module": "hinge", **turned, "children": {"attachment": outer}}
+    rotation = 90 if hinges % 2 else 270
+    return {"module": "hinge", "rotation": rotation, "children": {"attachment": outer}}
 
 
 def measure_cell(robots: int, hinges: int, cores: int, body: Path) -> Cell:

@@ -8,6 +8,7 @@ They speak training's language of overrides. ``robot=NAME`` takes the policy tha
 from __future__ import annotations
 
 import dataclasses
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -78,7 +79,8 @@ class Command:
 
     @property
     def _fixed(self) -> dict[str, Any]:
-        fixed: dict[str, Any] = {"time_limit": None}  # a walk is as long as the command says
+        # A walk is as long as the command says.
+        fixed: dict[str, Any] = {"time_limit": None, "stagger": False}
         return fixed if self.num_envs is None else {**fixed, "num_envs": self.num_envs}
 
     def _asked(self, arguments: list[str]) -> tuple[Path, Config, Any]:
@@ -107,7 +109,7 @@ class Command:
         config = amended(saved, task, learning=False)
         for key, value in self._fixed.items():
             if getattr(config.env, key) != value:
-                shown = "null" if value is None else value
+                shown = json.dumps(value)
                 raise ConfigError(f"env.{key} is {shown} in this command")
         output = own.pop("output", None)
         options = typed(self.schema, own)

@@ -165,16 +165,14 @@ class LocomotionEnv(EnvBase):
             where = where.reshape(self.num_envs)
         rows = slice(None) if where is None else where
         # Targets are drawn for all robots, so that a partial reset uses up as much randomness.
-        limit = self._task.target_limit
+        limit, device = self._task.target_limit, self._physics.device
         targets = torch.empty(self.num_envs, self.model.nu, dtype=torch.float64, device="cpu")
-        targets = targets.uniform_(-limit, limit, generator=self._generator).to(
-            self._physics.device
-        )
+        targets = targets.uniform_(-limit, limit, generator=self._generator).to(device)
         self._physics.reset(where)
         if self._task.start is Start.any:
             robot, share = self._task.robot, self._task.overturned
             poses = start_poses(robot, self.num_envs, share, self._generator)
-            self._physics.qpos[rows, 2:7] = poses.to(self._physics.device)[rows]
+            self._physics.qpos[rows, 2:7] = poses.to(device)[rows]
         self._episodes.face(self.state, rows)
         diverged = self._physics.step(targets, self._task.settle_steps, where)
         self._divergences.note(diverged, self._physics, targets)

@@ -146,6 +146,7 @@ def test_help_names_every_key(name, call):
         ("evaluate", ["+plugins=[no_such_module]"], "plugins=no_such_module cannot be imported"),
         ("evaluate", ["env.num_envs=0"], "env.num_envs=0 must be at least 1"),
         ("evaluate", ["env.time_limit=3"], "env.time_limit is null in this command"),
+        ("watch", ["env.stagger=true"], "env.stagger is false in this command"),
         ("evaluate", ["env.control_frequency=3"], "must divide the control period"),
         ("evaluate", ["ppo.epochs=3"], "ppo.epochs is settled by training"),
         ("evaluate", ["network=gru"], "network is settled by training"),

@@ -19,7 +19,7 @@ _EXAMPLES = """\
   python -m locomotion.evaluate                                the gecko that ships
   python -m locomotion.evaluate robot=ant reality_check=true   under what a real robot would bring
   python -m locomotion.evaluate run=outputs/DATE/TIME env.num_envs=256 seconds=120
-  python -m locomotion.evaluate physics.self_collision=true push=0.5 json=true"""
+  python -m locomotion.evaluate physics.self_collision=true disturbances.push=0.5 json=true"""
 
 
 def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
@@ -36,7 +36,6 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
     from tqdm import tqdm
 
     from locomotion.evaluation import (
-        Disturbances,
         make_walker,
         measure,
         planned,
@@ -45,11 +44,10 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
         walk,
     )
 
-    disturbances = Disturbances(options.noise, options.push)
-    walker = make_walker(run, config, disturbances)
+    walker = make_walker(run, config)
     walks = 2
     if options.reality_check:
-        walks += len(planned(config, disturbances))
+        walks += len(planned(config))
     total = walks * max(1, round(options.seconds / walker.period))
     measured, checked = {}, []
     # No bar without a terminal. It goes to standard error, apart from the result.
@@ -60,7 +58,7 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
         walker.env.close()
         if options.reality_check:
             nominal = measured["mean_action"]["speed"]
-            checked = shares(run, config, disturbances, options.seconds, nominal, bar.update)
+            checked = shares(run, config, options.seconds, nominal, bar.update)
     found = {how: summarise(values) for how, values in measured.items()}
     if options.json:
         data = _as_data(run, config, options, found, checked)

@@ -20,7 +20,7 @@ _EXAMPLES = """\
   python -m locomotion.watch                          the gecko that ships: gecko.mp4, gecko.webp
   python -m locomotion.watch robot=ant web=true       a page for the browser: ant.html
   python -m locomotion.watch run=outputs/DATE/TIME seconds=30 output=gait.mp4
-  python -m locomotion.watch live=true physics.self_collision=true push=0.5"""
+  python -m locomotion.watch live=true physics.self_collision=true disturbances.push=0.5"""
 
 
 def watch(run: Path, config: Config, options: WatchConfig) -> None:
@@ -36,11 +36,10 @@ def watch(run: Path, config: Config, options: WatchConfig) -> None:
     """
     from tqdm import tqdm
 
-    from locomotion.evaluation import Disturbances, make_walker
+    from locomotion.evaluation import make_walker
     from locomotion.rendering.motion import record_motion
 
-    disturbances = Disturbances(options.noise, options.push)
-    walker = make_walker(run, config, disturbances)
+    walker = make_walker(run, config)
     if options.live:
         from locomotion.rendering.live import show_live
 

@@ -24,9 +24,13 @@ from locomotion.quiet import quiet
 from locomotion.runs import RunError, read_config, require_writable
 
 #: Parts of a run that may be changed under a policy.
-_CHANGEABLE = ("env", "physics", "arena", "seed", "plugins")
+_CHANGEABLE = ("env", "physics", "disturbances", "arena", "seed", "plugins")
 #: Those of them that are chosen by name.
-_GROUPS = {"arena": "what robots walk on", "physics": "what steps them"}
+_GROUPS = {
+    "arena": "what robots walk on",
+    "disturbances": "what disturbs them, nothing unless set",
+    "physics": "what steps them",
+}
 
 _HELP = """{title}
 
@@ -106,6 +110,7 @@ class Command:
         if not all(isinstance(saved.get(part), dict) for part in ("env", "physics")):
             raise RunError(f"{folder} holds no run of this project")
         saved["env"].update(self._fixed)
+        saved.pop("disturbances", None)  # a policy is measured without those of its training
         config = amended(saved, task, learning=False)
         for key, value in self._fixed.items():
             if getattr(config.env, key) != value:
@@ -158,5 +163,6 @@ def _misplaced(key: str, options: set[str]) -> str:
     if group in parts:
         return f"{key} is settled by training; what may change is {', '.join(known)}"
     task = [name for name, _ in described(Config) if name.split(".")[0] in _CHANGEABLE]
-    hint = suggestion(key, [*known, *task])
+    moved = [name for name in task if name.rpartition(".")[2] == key]
+    hint = f"did you mean {moved[0]}? " if moved else suggestion(key, [*known, *task])
     return f"{key} is not a key; {hint}allowed are {', '.join(known)}"

@@ -16,6 +16,7 @@ from omegaconf import MISSING, OmegaConf
 from locomotion.agents.architectures import Network
 from locomotion.agents.learners import LearnerConfig
 from locomotion.config.logger import LoggerConfig
+from locomotion.disturbances import DisturbancesConfig
 from locomotion.envs.observations import ObsTerm, check_terms, typed_terms
 from locomotion.options import (
     Checked,
@@ -54,6 +55,7 @@ class Config(Checked):
     arena: dict[str, Any] = dataclasses.field(default_factory=dict)
     task: TaskConfig = MISSING
     env: EnvConfig = dataclasses.field(default_factory=EnvConfig)
+    disturbances: DisturbancesConfig = dataclasses.field(default_factory=DisturbancesConfig)
     physics: PhysicsConfig = dataclasses.field(default_factory=PhysicsConfig)
     algorithm: str = key("the learner, whose keys stand under its name", default="ppo")
     network: dict[str, Any] = dataclasses.field(default_factory=dict)
@@ -100,7 +102,10 @@ class Config(Checked):
 
 
 #: The parts of a configuration that are chosen as ``GROUP=OPTION``.
-GROUPS = ("robot", "obs", "critic", "arena", "task", "physics", "algorithm", "network", "logger")
+GROUPS = (
+    *("robot", "obs", "critic", "arena", "task", "disturbances", "physics", "algorithm", "network"),
+    "logger",
+)
 
 
 def typed_config(content: Mapping[str, Any], learning: bool = True) -> Config:

@@ -13,18 +13,19 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 
+from locomotion.disturbances import DisturbancesConfig
+from locomotion.disturbances.runtime import Disturbances
 from locomotion.envs.divergence import Divergence, DivergenceLog
 from locomotion.envs.episodes import Episodes
 from locomotion.envs.making import task_and_physics
 from locomotion.envs.observables import add_observables
-from locomotion.envs.specs import FLAGS, READINGS, make_specs
-from locomotion.options import readings as known_readings
+from locomotion.envs.sensing import Sensing
+from locomotion.envs.specs import FLAGS, READINGS, make_flags, make_specs
 from locomotion.physics import Physics, make_physics
 from locomotion.physics.options import PhysicsConfig
 from locomotion.robots.body import RobotConfig
 from locomotion.tasks import RobotState, WalkAway, compile_model
-from locomotion.tasks.options import EnvConfig, Start, substeps
-from locomotion.tasks.starts import start_poses
+from locomotion.tasks.options import EnvConfig, substeps
 
 
 class LocomotionEnv(EnvBase):
@@ -49,6 +50,7 @@ class LocomotionEnv(EnvBase):
         readings: names of the readings to write; one that is left out costs nothing.
         physics: how robots are stepped, and for a task in short form the properties of modules: a
             :class:`PhysicsConfig`, or some of its keys.
+        disturbances: what disturbs robots: a :class:`DisturbancesConfig`, or some of its keys.
         time_limit: length of an episode (s), truncated then; ``None`` for a continuing task.
         stagger: whether a reset of all robots starts each at a random time of its episode.
         seed: of the random targets at the start; ``None`` draws one from torch's generator.
@@ -67,23 +69,27 @@ class LocomotionEnv(EnvBase):
         *,
         readings: Sequence[str] = READINGS,
         physics: PhysicsConfig | Mapping[str, Any] | None = None,
+        disturbances: DisturbancesConfig | Mapping[str, Any] | None = None,
         time_limit: float | None = None,
         stagger: bool = False,
         seed: int | None = None,
         **settings: Any,
     ) -> None:
-        task, physics = task_and_physics(task, physics, {"num_envs": num_envs, **settings})
+        settings = {"num_envs": num_envs, **settings}
+        task, physics, disturbances = task_and_physics(task, physics, disturbances, settings)
         period = task.control_timestep
         num_envs = int(num_envs)  # a whole number of any kind, as has been checked
         limits = EnvConfig(num_envs, control_frequency=1 / period, time_limit=time_limit)
-        self._readings = {name: known_readings.get(name, "reading") for name in readings}
+        self._sensing = Sensing(readings)
         # On the CPU TorchRL need not be told: it would look at every tensor for nothing.
         device = None if physics.device == "cpu" else physics.device
         super().__init__(device=device, batch_size=[num_envs])
         self._task = task
         add_observables(task, tuple(readings))
-        sensors = any(reading.sensors for reading in self._readings.values())
-        self._physics = make_physics(compile_model(task, sensors), num_envs, physics)
+        sensor_latency = disturbances.ends("sensor_latency")[1]
+        model = compile_model(task, self._sensing.needs_sensors, sensor_latency)
+        self._physics = make_physics(model, num_envs, physics)
+        self._disturbances = Disturbances(disturbances, task, self._physics)
         self._substeps = substeps(1 / period, task.physics_timestep)
         at = self._physics.device
         self._episodes = Episodes(num_envs, at, limits.step_limit, task.compass, stagger)
@@ -95,25 +101,23 @@ class LocomotionEnv(EnvBase):
         # From the first step on physics computes all that is read.
         self.observe()
         task.reward(self._before(), self.state)
-        for name, spec in make_specs(task, self._readings, num_envs, at).items():
+        for name, spec in make_specs(task, self._sensing, num_envs, at).items():
             setattr(self, name, spec)
         self._set_seed(seed)
 
     def __getstate__(self) -> dict[str, Any]:
-        # Readings are functions, and found again by their names. A hook is of its block alone.
-        return {**self.__dict__, "_readings": list(self._readings), "_hooks": []}
+        return {**self.__dict__, "_hooks": []}  # a hook is of its block alone
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         super().__setstate__(state)
-        self._readings = {name: known_readings.get(name, "reading") for name in self._readings}
-        add_observables(self._task, tuple(self._readings))
+        add_observables(self._task, tuple(self._sensing))
 
     def extra_repr(self) -> str:
         """The robot, how many there are, what steps them, what is read and what is paid, for ``repr()``."""
         robot, rewards = self._task.robot.mjcf_model.model, self._task.rewards
         return (
             f"robot={robot!r}, num_envs={self.num_envs}, physics={self._physics!r},\n"
-            f"readings={list(self._readings)},\nrewards={[type(paid).__name__ for paid in rewards]}"
+            f"readings={list(self._sensing)},\nrewards={[type(paid).__name__ for paid in rewards]}"
         )
 
     @property
@@ -144,14 +148,18 @@ class LocomotionEnv(EnvBase):
     @property
     def state(self) -> RobotState:
         """The robots as they are now; what it holds changes with the next step."""
+        return self._state_of(self._physics.field)
+
+    def _state_of(self, field: Callable[[str], torch.Tensor]) -> RobotState:
         work = self._work if self._task.needs_work else None
         began = (self._episodes.start, work, self._episodes.heading)
-        return RobotState(self._task, self.model, self._physics.field, *began)
+        return RobotState(self._task, self.model, field, *began)
 
     def _set_seed(self, seed: int | None) -> None:
         # On the CPU wherever the robots are, so that they start in the same way.
         seed = torch.randint(2**31, (), device="cpu") if seed is None else seed
         self._generator = torch.Generator("cpu").manual_seed(operator.index(seed))
+        self._disturbances.seed(operator.index(seed))
 
     def _reset(
         self, tensordict: TensorDictBase | None = None, *, seed: int | None = None, **others: Any
@@ -169,10 +177,12 @@ class LocomotionEnv(EnvBase):
         targets = torch.empty(self.num_envs, self.model.nu, dtype=torch.float64, device="cpu")
         targets = targets.uniform_(-limit, limit, generator=self._generator).to(device)
         self._physics.reset(where)
-        if self._task.start is Start.any:
-            robot, share = self._task.robot, self._task.overturned
-            poses = start_poses(robot, self.num_envs, share, self._generator)
-            self._physics.qpos[rows, 2:7] = poses.to(device)[rows]
+        poses = self._task.draw_starts(self.num_envs, self._generator)
+        if poses is not None:
+            self._physics.qpos[rows, :7] = poses.to(device)[rows]
+        if where is None:
+            self._disturbances.draw()
+        targets = self._disturbances.begin(targets, rows)
         self._episodes.face(self.state, rows)
         diverged = self._physics.step(targets, self._task.settle_steps, where)
         self._divergences.note(diverged, self._physics, targets)
@@ -181,7 +191,7 @@ class LocomotionEnv(EnvBase):
         self._episodes.begin(self._physics.qpos[:, :2], rows)
         if where is None:
             self._episodes.stagger(self._generator)
-        return self._result(*self._flags())
+        return self._result(*make_flags(self._physics))
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         action = tensordict.get("action", None)
@@ -191,10 +201,11 @@ class LocomotionEnv(EnvBase):
         if self._task.needs_work:
             self._work.zero_()
         watch = self._watch if self._hooks or self._task.needs_work else None
-        diverged = self._physics.step(action, self._substeps, watch=watch)
+        targets = self._disturbances.before_step(action)
+        diverged = self._physics.step(targets, self._substeps, watch=watch)
         self._divergences.note(diverged, self._physics, action)
         reward = self.reward(self._before(), self.state).to(torch.float32).unsqueeze(-1)
-        done, terminated, truncated = self._flags()
+        done, terminated, truncated = make_flags(self._physics)
         if diverged is not None:
             terminated[:, 0] = diverged
             reward.masked_fill_(terminated, 0.0)
@@ -226,12 +237,8 @@ class LocomotionEnv(EnvBase):
         return self._task.reward(before, after)
 
     def observe(self) -> dict[str, torch.Tensor]:
-        """The readings now, by name; tensors of their own."""
-        state = self.state
-        return {
-            name: reading.read(state).to(getattr(torch, reading.dtype), copy=True)
-            for name, reading in self._readings.items()
-        }
+        """The readings now, by name, as sensors tell them; tensors of their own."""
+        return self._sensing(self._state_of(self._disturbances.sensed()))
 
     @contextlib.contextmanager
     def after_substep(self, hook: Callable[[Physics], None]) -> Iterator[None]:
@@ -266,15 +273,11 @@ class LocomotionEnv(EnvBase):
             qvel: generalised velocities, shape ``(num_envs, nv)`` likewise.
             where: which robots, bool of shape ``(num_envs,)``; ``None`` means all.
         """
-        nq, rows = self.model.nq, slice(None) if where is None else where
-        self._physics.reset(where)
-        motion = self._physics.motion.clone()
-        motion[:, 0] = self._task.settle_steps * self._task.physics_timestep
-        motion[:, 1 : 1 + nq] = qpos
-        motion[:, 1 + nq :] = qvel
-        self._physics.motion[rows] = motion[rows]
+        rows = slice(None) if where is None else where
+        time = self._task.settle_steps * self._task.physics_timestep
+        self._physics.put(time, qpos, qvel, where)
         self._episodes.face(self.state, rows)
-        self._physics.forward(where)
+        self._disturbances.begin(self._physics.control, rows)
         self._episodes.begin(self._physics.qpos[:, :2], rows)
 
     def get_extra_state(self) -> dict[str, Any]:
@@ -283,16 +286,14 @@ class LocomotionEnv(EnvBase):
             "physics": self._physics.state_dict(),
             "episodes": self._episodes.state_dict(),
             "generator": self._generator.get_state(),
+            "disturbances": self._disturbances.state_dict(),
         }
 
     def set_extra_state(self, state: Mapping[str, Any]) -> None:
         self._physics.load_state_dict(state["physics"])
         self._episodes.load_state_dict(state["episodes"])
         self._generator.set_state(state["generator"])
-
-    def _flags(self) -> tuple[torch.Tensor, ...]:
-        """Three flags that nobody has raised, bool of shape ``(num_envs, 1)``."""
-        return self._episodes.start.new_zeros(3, self.num_envs, 1, dtype=torch.bool).unbind()
+        self._disturbances.load_state_dict(state["disturbances"])
 
     def close(self, **kwargs: Any) -> None:
         self._physics.close()

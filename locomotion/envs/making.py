@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from locomotion.disturbances import NONE, DisturbancesConfig
 from locomotion.options import ConfigError, arenas, chosen, typed
 from locomotion.physics.options import PhysicsConfig
 from locomotion.robots.body import RobotConfig, load_robot
@@ -22,6 +23,7 @@ def make_task(
     task: TaskConfig | None = None,
     env: EnvConfig | None = None,
     physics: PhysicsConfig | None = None,
+    disturbances: DisturbancesConfig = NONE,
 ) -> WalkAway:
     """Builds a robot, its arena and its task.
 
@@ -31,11 +33,12 @@ def make_task(
         task: rewards; the report's by default.
         env: episodes and actions; the report's by default.
         physics: timestep, and properties of the modules.
+        disturbances: their latency of targets; the rest is the environment's.
 
     Raises:
         ConfigError: for an unknown name or option, or a value out of range.
     """
-    made_by = functools.partial(make_task, robot, arena, task, env, physics)
+    made_by = functools.partial(make_task, robot, arena, task, env, physics, disturbances)
     env, physics = env or EnvConfig(), physics or PhysicsConfig()
     substeps(env.control_frequency, physics.timestep)  # raises what dm-control says less plainly
     ground = chosen(arenas, arena or {"name": "ground"}, "arena").make(physics.friction)
@@ -46,8 +49,6 @@ def make_task(
         stiffness=physics.stiffness,
         damping=physics.damping,
         armature=physics.armature,
-        mass_scale=physics.mass_scale,
-        strength_scale=physics.strength_scale,
         self_collision=physics.self_collision,
     )
     made = WalkAway(
@@ -61,7 +62,7 @@ def make_task(
         overturned=env.overturned,
         compass=env.compass,
         target_limit=env.target_limit,
-        latency=physics.latency,
+        latency=disturbances.ends("latency")[1],
         integrator=physics.integrator,
         clock_frequency=env.clock_frequency,
     )
@@ -72,19 +73,23 @@ def make_task(
 def task_and_physics(
     task: WalkAway | str | Path | RobotConfig | Mapping[str, Any],
     physics: PhysicsConfig | Mapping[str, Any] | None,
+    disturbances: DisturbancesConfig | Mapping[str, Any] | None,
     settings: Mapping[str, Any],
-) -> tuple[WalkAway, PhysicsConfig]:
-    """The task that an environment was given or that its short form stands for, and its physics.
+) -> tuple[WalkAway, PhysicsConfig, DisturbancesConfig]:
+    """The task that an environment was given or that its short form stands for, and what goes with it.
 
     Raises:
         ConfigError: for options that cannot be used; a task that is given has settings of its own.
     """
     if not isinstance(physics, PhysicsConfig):
         physics = typed(PhysicsConfig, dict(physics or {}))
+    if not isinstance(disturbances, DisturbancesConfig):
+        disturbances = typed(DisturbancesConfig, dict(disturbances or {}))
     env = typed(EnvConfig, dict(settings))
     if not isinstance(task, WalkAway):
-        return make_task(load_robot(task), env=env, physics=physics), physics
+        made = make_task(load_robot(task), env=env, physics=physics, disturbances=disturbances)
+        return made, physics, disturbances
     others = sorted(settings.keys() - {"num_envs"})
     if others:
         raise ConfigError(f"{others[0]} is a setting of the task, which was given")
-    return task, physics
+    return task, physics, disturbances

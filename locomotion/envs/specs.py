@@ -8,6 +8,7 @@ import torch
 from torchrl.data import Binary, Bounded, Composite, TensorSpec, Unbounded
 
 from locomotion.envs.readings import Reading
+from locomotion.physics import Physics
 from locomotion.tasks import WalkAway
 
 #: Readings that an environment gives unless it is told others.
@@ -40,3 +41,9 @@ def make_specs(
         "reward_spec": Unbounded((num_envs, 1), dtype=torch.float32, **at),
         "done_spec": Composite(flags, shape=(num_envs,), **at),
     }
+
+
+def make_flags(physics: Physics) -> tuple[torch.Tensor, ...]:
+    """Makes a flag for each of :data:`FLAGS`, none of which is raised, bool of shape ``(num_envs, 1)``."""
+    shape = (len(FLAGS), physics.num_envs, 1)
+    return torch.zeros(shape, dtype=torch.bool, device=physics.device).unbind()

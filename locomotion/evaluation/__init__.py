@@ -8,7 +8,7 @@ _MODULES = {
     "measures": ("MEASURES", "Interval", "measure", "speed", "summarise"),
     "policy": ("load_policy", "require_parts"),
     "reality": ("CHANGES", "Change", "Share", "planned", "shares"),
-    "walking": ("Disturbances", "Walk", "Walker", "make_walker", "walk"),
+    "walking": ("Walk", "Walker", "make_walker", "walk"),
 }
 _NAMES = {name: module for module, names in _MODULES.items() for name in names}
 

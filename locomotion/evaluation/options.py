@@ -12,15 +12,6 @@ class WalkConfig(Checked):
     """Options of walking with a policy."""
 
     seconds: float = key("how long robots walk (s)", default=60.0, above=0, most=86_400)
-    noise: float = key(
-        "of the hinges' sensors: standard deviation (rad)", default=0.0, least=0, most=10
-    )
-    push: float = key(
-        "change of velocity (m/s) by a push, one every 10 s in any direction",
-        default=0.0,
-        least=0,
-        most=10,
-    )
 
 
 @dataclasses.dataclass

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,8 @@ import torch
 
 from locomotion.config import Config
 from locomotion.evaluation.measures import Interval, measure
-from locomotion.evaluation.walking import Disturbances, make_walker, walk
+from locomotion.evaluation.walking import make_walker, walk
+from locomotion.robots.geometry import HINGE_SPEED
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,31 +22,74 @@ class Change:
 
     Attributes:
         what: in words.
-        key: a key of ``physics``, or of :class:`~locomotion.evaluation.Disturbances`.
-        of: its value under the change, from the nominal one.
+        values: for each key, of ``physics`` or ``disturbances``, its value under the change, from the
+            nominal one.
+        broken: whether the robot is no longer whole, so that less is to be expected of it.
+        arena: what robots walk on in place of flat ground.
     """
 
     what: str
-    key: str
-    of: Callable[[Any], Any]
+    values: Mapping[str, Callable[[Any], Any]] = dataclasses.field(default_factory=dict)
+    broken: bool = False
+    arena: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
 
-def _times(factor: float) -> Callable[[float], float]:
-    return lambda value: float(f"{factor * value:.12g}")  # 0.1 * 0.01 is 0.001, not a digit more
+def _times(factor: float) -> Callable[[Any], Any]:
+    return _on_each(lambda value: factor * value)
+
+
+def _plus(more: float) -> Callable[[Any], Any]:
+    return _on_each(lambda value: value + more)
+
+
+def _on_each(change: Callable[[float], float]) -> Callable[[Any], Any]:
+    """A change of a number, or of both ends of a range; 0.1 * 0.01 is 0.001, not a digit more."""
+
+    def changed(value: Any) -> Any:
+        if isinstance(value, list):
+            return [changed(end) for end in value]
+        return float(f"{change(value):.12g}")
+
+    return changed
+
+
+def _disturbed(what: str, change: Callable[[Any], Any], name: str, **others: Any) -> Change:
+    named = {f"disturbances.{key}": of for key, of in {name: change, **others}.items()}
+    return Change(what, named, broken=name == "stuck")
+
+
+def _to(value: float) -> Callable[[Any], Any]:
+    return lambda nominal: value if nominal is None else nominal
 
 
 CHANGES = (
-    Change("a tenth of the timestep", "physics.timestep", _times(0.1)),
-    Change("limbs that collide", "physics.self_collision", lambda _: True),
-    Change("half the friction", "physics.friction", _times(0.5)),
-    Change("friction and a half", "physics.friction", _times(1.5)),
-    Change("servos 20% weaker", "physics.strength_scale", _times(0.8)),
-    Change("servos 20% stronger", "physics.strength_scale", _times(1.2)),
-    Change("modules 20% lighter", "physics.mass_scale", _times(0.8)),
-    Change("modules 20% heavier", "physics.mass_scale", _times(1.2)),
-    Change("targets a quarter second late", "physics.latency", lambda seconds: seconds + 0.25),
-    Change("noisy hinge sensors", "noise", lambda deviation: deviation + 0.05),
-    Change("pushes", "push", lambda speed: speed + 0.5),
+    Change("a tenth of the timestep", {"physics.timestep": _times(0.1)}),
+    Change("limbs that collide", {"physics.self_collision": lambda _: True}),
+    _disturbed("half the friction", _times(0.5), "friction"),
+    _disturbed("friction and a half", _times(1.5), "friction"),
+    _disturbed("servos 20% weaker", _times(0.8), "strength"),
+    _disturbed("servos 20% stronger", _times(1.2), "strength"),
+    _disturbed("servos 20% softer", _times(0.8), "stiffness"),
+    _disturbed("servos with half the damping", _times(0.5), "damping"),
+    _disturbed("modules 20% lighter", _times(0.8), "mass"),
+    _disturbed("modules 20% heavier", _times(1.2), "mass"),
+    _disturbed("dry friction in the hinges", _plus(0.05), "hinge_friction"),
+    _disturbed("play in the gears", _plus(0.05), "backlash"),
+    _disturbed("motors with a top speed", _to(HINGE_SPEED), "top_speed"),
+    _disturbed("a battery at 80%", _times(0.8), "battery", top_speed=_to(HINGE_SPEED)),
+    _disturbed("targets a quarter second late", _plus(0.25), "latency"),
+    _disturbed("one target in ten lost", _plus(0.1), "dropped"),
+    _disturbed("sensors a tenth of a second late", _plus(0.1), "sensor_latency"),
+    _disturbed("noisy hinge sensors", _plus(0.05), "hinge_noise"),
+    _disturbed("hinge sensors that are off", _plus(0.05), "hinge_bias"),
+    _disturbed("a noisy IMU", _plus(0.05), "orientation_noise", speed_noise=_plus(0.2)),
+    _disturbed("an IMU that is off", _plus(0.1), "orientation_bias", gyro_bias=_plus(0.1)),
+    _disturbed("pushes", _plus(0.5), "push"),
+    _disturbed("one hinge stuck", lambda _: 1.0, "stuck"),
+    Change("bumps of 4 cm", arena={"name": "rough", "height": 0.04}),
+    Change("slopes of a fifth", arena={"name": "slopes", "height": 0.4}),
+    Change("stairs of 3 cm", arena={"name": "steps", "height": 0.03}),
+    Change("stepping stones", arena={"name": "stones", "height": 0.05}),
 )
 
 
@@ -55,7 +99,7 @@ class Share:
 
     Attributes:
         what: the change in words.
-        override: the change as an override, such as ``physics.friction=0.5``.
+        override: the change as overrides, such as ``disturbances.friction=0.5``.
         speed: in m/s.
         share: of the nominal speed, with its 95% confidence interval.
         diverged: share of robots whose simulation diverged; they count as standing still.
@@ -71,7 +115,6 @@ class Share:
 def shares(
     run: Path,
     config: Config,
-    disturbances: Disturbances,
     seconds: float,
     nominal: torch.Tensor,
     progress: Callable[[], object] = lambda: None,
@@ -84,15 +127,14 @@ def shares(
     Args:
         run: folder of the run whose policy walks.
         config: the nominal task.
-        disturbances: the nominal ones.
         seconds: how long each walk takes.
         nominal: speed of each robot without a change (m/s), shape ``(num_envs,)``; nan if it diverged.
         progress: called after each control step.
     """
     nominal = nominal.nan_to_num(0.0)
     found = []
-    for change, changed, disturbed, override in planned(config, disturbances):
-        walker = make_walker(run, changed, disturbed)
+    for change, changed, override in planned(config):
+        walker = make_walker(run, changed)
         values = measure(walk(walker, seconds, progress=progress))
         walker.env.close()
         speeds, diverged = values["speed"].nan_to_num(0.0), values["diverged"].mean().item()
@@ -101,32 +143,36 @@ def shares(
     return found
 
 
-def planned(
-    config: Config, disturbances: Disturbances
-) -> list[tuple[Change, Config, Disturbances, str]]:
-    """The :data:`CHANGES` that change a task: what it is under each, and the change as an override.
+def planned(config: Config) -> list[tuple[Change, Config, str]]:
+    """The :data:`CHANGES` that change a task: what it is under each, and the change as overrides.
 
     Raises:
         ConfigError: if a change would put a key out of its range.
     """
     plan = []
     for change in CHANGES:
-        group, _, name = change.key.rpartition(".")
-        part = getattr(config, group) if group else disturbances
-        nominal = getattr(part, name)
-        value = change.of(nominal)
-        if value == nominal:
-            continue
-        shown = str(value).lower() if isinstance(value, bool) else f"{value:g}"
-        part = dataclasses.replace(part, **{name: value})
-        override = f"{change.key}={shown}"
-        if group:
-            plan.append(
-                (change, dataclasses.replace(config, **{group: part}), disturbances, override)
-            )
-        else:
-            plan.append((change, config, part, override))
+        changed, overrides = config, []
+        if change.arena and config.arena["name"] == "ground":
+            changed = dataclasses.replace(config, arena=dict(change.arena))
+            name, *options = change.arena.items()
+            overrides = [f"arena={name[1]}", *(f"arena.{key}={of:g}" for key, of in options)]
+        for key, of in change.values.items():
+            group, _, name = key.partition(".")
+            part = getattr(changed, group)
+            value = of(getattr(part, name))
+            if value != getattr(part, name):
+                part = dataclasses.replace(part, **{name: value})
+                changed = dataclasses.replace(changed, **{group: part})
+                overrides.append(f"{key}={_shown(value)}")
+        if overrides:
+            plan.append((change, changed, " ".join(overrides)))
     return plan
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{','.join(map(_shown, value))}]"
+    return str(value).lower() if isinstance(value, bool) else f"{value:g}"
 
 
 def _ratio(values: torch.Tensor, nominal: torch.Tensor) -> Interval:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -18,24 +17,6 @@ from locomotion.config import Config
 from locomotion.evaluation.policy import load_policy, require_parts
 from locomotion.physics import Physics
 from locomotion.training.build import make_env
-from locomotion.transforms import SensorNoise
-
-#: Time between two pushes (s).
-PUSH_INTERVAL = 10.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Disturbances:
-    """Troubles of a real robot that the physics does not bring by itself.
-
-    Attributes:
-        noise: standard deviation (rad) of what is added to the hinge positions that a policy senses.
-        push: by how much (m/s) the velocity of a robot changes all at once, every ten seconds and in a
-            random direction along the ground; 0 for no pushes.
-    """
-
-    noise: float = 0.0
-    push: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,8 +51,6 @@ class Walker:
     Args:
         env: a :class:`~locomotion.envs.LocomotionEnv`, with or without transforms around it.
         policy: reads what the environment writes, and writes ``action``.
-        disturbances: none by default.
-        seed: of the directions of pushes.
 
     Attributes:
         env: as given; at the start of an episode after each :meth:`start`.
@@ -83,8 +62,6 @@ class Walker:
         self,
         env: EnvBase,
         policy: Callable[[TensorDictBase], TensorDictBase],
-        disturbances: Disturbances | None = None,
-        seed: int = 0,
     ) -> None:
         self.env = env
         self.base_env = env
@@ -92,13 +69,10 @@ class Walker:
             self.base_env = self.base_env.base_env
         self.period = self.base_env.task.control_timestep
         self._policy = policy
-        self._disturbances = disturbances or Disturbances()
-        self._pushes = torch.Generator().manual_seed(seed)
 
     def start(self) -> None:
         """Begins an episode."""
         self._seen = self.env.reset()
-        self._steps = 0
 
     @torch.no_grad()
     def step(self, sampled: bool) -> torch.Tensor:
@@ -113,28 +87,14 @@ class Walker:
         how = ExplorationType.RANDOM if sampled else ExplorationType.DETERMINISTIC
         with set_exploration_type(how):
             decided = self._policy(self._seen)
-        self._push()
         result = self.env.step(decided)
         self._seen = self.env.step_mdp(result)
-        self._steps += 1
         return result["next", "terminated"].squeeze(-1)
-
-    def _push(self) -> None:
-        every = max(1, round(PUSH_INTERVAL / self.period))
-        if not self._disturbances.push or self._steps % every != every // 2:
-            return
-        velocity = self.base_env.physics.qvel
-        drawn = {"generator": self._pushes, "dtype": torch.float32, "device": "cpu"}
-        turns = torch.rand(len(velocity), **drawn).to(velocity.device)
-        direction = 2 * math.pi * turns
-        velocity[:, 0] += self._disturbances.push * direction.cos()
-        velocity[:, 1] += self._disturbances.push * direction.sin()
 
 
 def make_walker(
     run: Path,
     config: Config,
-    disturbances: Disturbances | None = None,
     *,
     env: EnvBase | None = None,
     transforms: Sequence[Transform] | None = None,
@@ -149,7 +109,6 @@ def make_walker(
     Args:
         run: the run's folder.
         config: the task that they walk in.
-        disturbances: none by default.
         env: a :class:`~locomotion.envs.LocomotionEnv` in place of the one that is described.
         transforms: more transforms, after those that write the observations.
         in_keys: the entries that the policy sees, in place of those of ``config.obs``.
@@ -160,16 +119,13 @@ def make_walker(
         RunError: if the run holds no checkpoint that can be read, or was trained with a part of
             somebody's own that is not passed.
     """
-    disturbances = disturbances or Disturbances()
     require_parts(run, {"env": env, "transforms": transforms})
     torch.manual_seed(config.seed)
     environment = make_env(config, env, transforms or (), network)
     policy = load_policy(
         run, config, environment, in_keys=in_keys, network=network, learner=learner
     )
-    if disturbances.noise and "hinge_position" in environment.observation_spec:
-        environment.insert_transform(0, SensorNoise(disturbances.noise, ["hinge_position"]))
-    return Walker(environment, policy, disturbances, config.seed)
+    return Walker(environment, policy)
 
 
 def walk(

@@ -8,10 +8,10 @@ from typing import Any
 import mujoco
 import torch
 
-from locomotion.options import ConfigError
+from locomotion.arenas.terrain import period_of
 from locomotion.physics.backend import Backend
 from locomotion.physics.bounds import Bounds, Limits
-from locomotion.tasks.options import delay_for
+from locomotion.physics.latency import set_delay
 from locomotion.tasks.work import hinge_work
 
 
@@ -58,6 +58,8 @@ class Physics(Backend):
         self._bounds = Bounds(self.limits, columns, model.opt.timestep, device)
         self._parameters: dict[str, torch.Tensor] = {}
         self._shared: dict[str, torch.Tensor] = {}
+        self._period = period_of(model)
+        self._ground = torch.zeros(num_envs, 2, dtype=torch.float64, device=device)
         self.previous = torch.zeros(num_envs, columns, dtype=torch.float64, device=device)
 
     def __repr__(self) -> str:
@@ -154,6 +156,30 @@ class Physics(Backend):
         self._require_open()
         self._reset(where)
 
+    def put(
+        self,
+        time: float,
+        qpos: torch.Tensor,
+        qvel: torch.Tensor,
+        where: torch.Tensor | None = None,
+    ) -> None:
+        """Puts copies into a state, in which no target is under way.
+
+        Args:
+            time: of the state (s).
+            qpos: generalised positions, shape ``(num_envs, nq)`` or what is broadcast to it.
+            qvel: generalised velocities, shape ``(num_envs, nv)`` likewise.
+            where: which copies, bool of shape ``(num_envs,)``; ``None`` means all.
+        """
+        nq, rows = self.model.nq, slice(None) if where is None else where
+        self.reset(where)
+        motion = self.motion.clone()
+        motion[:, 0] = time
+        motion[:, 1 : 1 + nq] = qpos
+        motion[:, 1 + nq :] = qvel
+        self.motion[rows] = motion[rows]
+        self.forward(where)
+
     def step(
         self,
         control: torch.Tensor,
@@ -185,9 +211,10 @@ class Physics(Backend):
             ValueError: for a control of another shape or of other numbers.
         """
         self._require_open()
-        self._require_control(control)
+        self.require_control(control)
         if num_steps == 0 or (where is not None and not where.any()):
             return None
+        self._follow()
         start, given = self.motion.clone(), self.control
         history = None if self._history is None else self._history.clone()
         given.copy_(control if where is None else torch.where(where[:, None], control, given))
@@ -214,7 +241,14 @@ class Physics(Backend):
         self.previous = start
         return wrong if any_wrong else None
 
-    def _require_control(self, control: torch.Tensor) -> None:
+    def _follow(self) -> None:
+        """Moves periodic ground under the robots, by whole periods."""
+        if self._period is not None:
+            torch.round(self.motion[:, 1:3] / self._period, out=self._ground)
+            self._ground *= self._period
+
+    def require_control(self, control: torch.Tensor) -> None:
+        """Raises a :class:`ValueError` for a control of another shape or of other numbers."""
         shape = (self.num_envs, self.model.nu)
         if control.shape != shape or not control.is_floating_point():
             raise ValueError(
@@ -248,19 +282,13 @@ class Physics(Backend):
         Raises:
             ConfigError: if a latency is longer than the one that the model was compiled with.
         """
-        latency = torch.as_tensor(latency, dtype=torch.float64, device=self.device)
-        least, most = latency.min().item(), latency.max().item()
-        timestep = self.model.opt.timestep
-        room = max(0, self.model.actuator_history[:, 0].min() - 1) * timestep
-        if not least >= 0:
-            raise ConfigError(f"a latency of {least:g} s is not possible; it must be at least 0")
-        if not most <= room + 1e-3 * timestep:
-            raise ConfigError(
-                f"a latency of {most:g} s is beyond the {room:g} s that the model has room for;"
-                " physics.latency makes room"
-            )
-        delay = self.expand("actuator_delay")
-        delay.copy_(delay_for(latency, timestep).reshape(-1, 1))
+        self._require_open()
+        set_delay(self, "actuator", latency, "disturbances.latency")
+
+    def set_sensor_latency(self, latency: torch.Tensor | float) -> None:
+        """Sets how late the sensors are that remember; as for :meth:`set_latency`."""
+        self._require_open()
+        set_delay(self, "sensor", latency, "disturbances.sensor_latency")
 
 
 def _require_walker(model: mujoco.MjModel) -> None:

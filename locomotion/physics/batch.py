@@ -62,6 +62,7 @@ class BatchPhysics(Physics):
         self._motion = self._state[:, : 1 + own.nq + own.nv]
         self._control = self._view(self._batch.bind("ctrl"))
         self._fields = {"qpos": self.qpos, "qvel": self.qvel}
+        self._carrier = self._view(self._batch.bind("mocap_pos")) if own.nmocap else None
         self._under_way = self._view(self._batch.bind("history")) if own.nhistory else None
         self._derives = False
         self._own_constants = False
@@ -112,6 +113,11 @@ class BatchPhysics(Physics):
     def _expand(self, name: str) -> torch.Tensor:
         return self._view(self._simulations.expand(name))
 
+    def _follow(self) -> None:
+        super()._follow()
+        if self._carrier is not None and self._period is not None:
+            self._carrier[:, 0, :2] = self._ground
+
     def set_const(self) -> None:
         self._simulations.set_const()
         self._own_constants = True
@@ -119,6 +125,7 @@ class BatchPhysics(Physics):
     def forward(self, where: torch.Tensor | None = None) -> None:
         simulations = self._simulations
         if self._derives:
+            self._follow()
             simulations.forward(None if where is None else where.numpy())
 
     def _reset(self, where: torch.Tensor | None) -> None:

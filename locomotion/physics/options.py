@@ -73,11 +73,6 @@ class PhysicsConfig(Checked):
     self_collision: bool = key(
         "whether a robot's limbs collide with one another, not only with the ground", default=False
     )
-    mass_scale: float = key("factor on the masses of all modules", default=1.0, above=0, most=1000)
-    strength_scale: float = key(
-        "factor on the torque of all servos", default=1.0, above=0, most=1000
-    )
-    latency: float = key("how late hinges get their targets (s)", default=0.0, least=0, most=10)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -83,6 +83,7 @@ class WarpPhysics(Physics):
             self._qvel32 = self._seen(self._data.qvel)
             self._control = self._seen(self._data.ctrl)
             self._overflow = self._seen(self._data.overflow)
+            self._carrier = self._seen(self._data.mocap_pos) if model.nmocap else None
             self._under_way = self._seen(self._data.history) if model.nhistory else None
             self._moments = torch.as_tensor(_history_times(model), device=self.device)
             mjw.step(self._model, self._data)  # loads all kernels, before any capture
@@ -145,6 +146,7 @@ class WarpPhysics(Physics):
         self._require_open()
         if self._fields:
             with self._keeping(where):
+                self._follow()
                 self._load()
                 with wp.ScopedDevice(self._warp_device):
                     mjw.forward(self._model, self._data)
@@ -189,6 +191,8 @@ class WarpPhysics(Physics):
         self._qpos32.copy_(self._motion[:, 1 : 1 + nq])
         self._qpos32[:, :2] = 0.0
         self._qvel32.copy_(self._motion[:, 1 + nq :])
+        if self._carrier is not None and self._period is not None:
+            self._carrier[:, 0, :2] = self._ground - self._motion[:, 1:3]
 
     def _any(self, wrong: torch.Tensor) -> bool:
         no_room = ((self._overflow & _NO_ROOM) != 0) & ~wrong

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from locomotion.arenas.terrain import put_under
 from locomotion.options import ConfigError
 from locomotion.rendering.graphics import ADVICE, open_context
 from locomotion.rendering.motion import Motion
@@ -51,6 +52,7 @@ def draw(motion: Motion, width: int, height: int) -> Iterator[np.ndarray]:
     with _Canvas(model, width, height) as canvas:
         for picture, qpos in enumerate(motion.qpos):
             data.qpos[:] = qpos
+            put_under(model, data)
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_camlight(model, data)

@@ -8,6 +8,7 @@ import time
 import mujoco
 import mujoco.viewer
 
+from locomotion.arenas.terrain import put_under
 from locomotion.evaluation import Walker
 from locomotion.options import ConfigError
 from locomotion.physics import Physics
@@ -38,13 +39,14 @@ def show_live(walker: Walker, seconds: float, sampled: bool = False) -> None:
         raise ConfigError(f"live=true: {' '.join(str(error).split())}") from error
     with window as viewer:
         viewer.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
-        viewer.cam.trackbodyid = 1
+        viewer.cam.trackbodyid = env.model.jnt_bodyid[0]
         viewer.cam.distance, viewer.cam.azimuth, viewer.cam.elevation = 1.7, 120.0, -25.0
         due = time.perf_counter()
 
         def show(physics: Physics) -> None:
             nonlocal due
             data.qpos[:] = physics.qpos[0].numpy(force=True)
+            put_under(env.model, data)
             data.time += timestep
             mujoco.mj_forward(env.model, data)
             viewer.sync()

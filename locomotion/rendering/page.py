@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import viser
 
+from locomotion.arenas.terrain import put_under
 from locomotion.rendering.motion import Motion
 from locomotion.writing import replacing
 
@@ -46,6 +47,7 @@ def write_page(
         ground = server.scene.add_frame("/ground", show_axes=False)
         for picture, qpos in enumerate(motion.qpos):
             data.qpos[:] = qpos
+            put_under(motion.model, data)
             mujoco.mj_kinematics(motion.model, data)
             middle = np.array([*motion.follow(picture), 0.0])
             with server.atomic():
@@ -66,6 +68,9 @@ def _add_bodies(server: viser.ViserServer, model: mujoco.MjModel) -> dict[int, v
     """A frame for each body that moves, with its boxes below; returned by the body's number."""
     frames = {}
     for body in range(1, model.nbody):
+        if model.body_mocapid[body] >= 0:
+            frames[body] = _add_terrain(server, model)
+            continue
         place = f"/robot/{body}"
         frames[body] = server.scene.add_frame(place, show_axes=False)
         first = model.body_geomadr[body]
@@ -78,6 +83,26 @@ def _add_bodies(server: viser.ViserServer, model: mujoco.MjModel) -> dict[int, v
                 wxyz=model.geom_quat[geom],
             )
     return frames
+
+
+def _add_terrain(server: viser.ViserServer, model: mujoco.MjModel) -> viser.FrameHandle:
+    """The surface of a height field, below a frame of its own."""
+    rows, columns = int(model.hfield_nrow[0]), int(model.hfield_ncol[0])
+    half_x, half_y, height, _ = model.hfield_size[0]
+    x, y = np.meshgrid(np.linspace(-half_x, half_x, columns), np.linspace(-half_y, half_y, rows))
+    z = height * model.hfield_data[: rows * columns]
+    corner = np.arange(rows * columns).reshape(rows, columns)
+    one, right, up, across = corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]
+    faces = np.stack([one, right, across, one, across, up], -1).reshape(-1, 3)
+    frame = server.scene.add_frame("/robot/terrain", show_axes=False)
+    server.scene.add_mesh_simple(
+        "/robot/terrain/surface",
+        vertices=np.stack([x.ravel(), y.ravel(), z], 1).astype(np.float32),
+        faces=faces.astype(np.uint32),
+        color=(168, 176, 184),
+        flat_shading=True,
+    )
+    return frame
 
 
 def _add_ground(server: viser.ViserServer, motion: Motion) -> None:

@@ -31,8 +31,6 @@ class ModularRobot(composer.Entity):
         stiffness: of the hinges' servos (N·m/rad).
         damping: of the hinges' servos (N·m·s/rad).
         armature: inertia of the motors' rotors as seen by the joints (kg·m²).
-        mass_scale: factor on the masses of all modules.
-        strength_scale: factor on the torque of all servos.
         self_collision: whether the robot's limbs collide with one another. Parts on both sides of a
             hinge never do; robots always collide with other robots.
 
@@ -48,18 +46,11 @@ class ModularRobot(composer.Entity):
         stiffness: float = STIFFNESS,
         damping: float = DAMPING,
         armature: float = ARMATURE,
-        mass_scale: float = 1.0,
-        strength_scale: float = 1.0,
         self_collision: bool = False,
     ) -> None:
         self._body = body if isinstance(body, Module) else parse_body(body)
-        self._material = {"friction": friction, "mass_scale": mass_scale}
-        self._servo = {
-            "stiffness": stiffness,
-            "damping": damping,
-            "armature": armature,
-            "strength_scale": strength_scale,
-        }
+        self._material = {"friction": friction}
+        self._servo = {"stiffness": stiffness, "damping": damping, "armature": armature}
         self._hinges: dict[str, ActiveHinge] = {}
         self._mjcf_root = mjcf.RootElement(model=name)
         self._mjcf_root.compiler.fusestatic = True
@@ -149,6 +140,14 @@ class ModularRobot(composer.Entity):
     def standing_height(self) -> float:
         """Height of the core's centre (m) when the robot stands with all hinges at 0."""
         return max(lengths[2] / 2 - centre[2] for _, _, centre, lengths in placed_boxes(self._body))
+
+    @composer.cached_property
+    def reach(self) -> float:
+        """How far (m) the robot reaches from its core along the ground, at most, with all hinges at 0."""
+        return max(
+            math.hypot(*(abs(centre[:2]) + lengths[:2] / 2))
+            for _, _, centre, lengths in placed_boxes(self._body)
+        )
 
     @composer.cached_property
     def overturned_height(self) -> float:

@@ -49,17 +49,14 @@ class _RigidModule(_Module):
     Args:
         name: name of the module's MJCF model, by default its kind.
         friction: coefficient of sliding friction.
-        mass_scale: factor on the module's mass.
     """
 
     KIND: str
 
-    def _build(
-        self, name: str | None = None, friction: float = FRICTION, mass_scale: float = 1.0
-    ) -> None:
+    def _build(self, name: str | None = None, friction: float = FRICTION) -> None:
         self._mjcf_root = _new_model(name or self.KIND)
         for box in GEOMETRY[self.KIND].boxes:
-            _add_box(self._mjcf_root.worldbody, box, (0.0, 0.0, 0.0), friction, mass_scale)
+            _add_box(self._mjcf_root.worldbody, box, (0.0, 0.0, 0.0), friction)
         self._attachment_sites = {
             face_name: _add_site(self._mjcf_root.worldbody, face_name, face, (0.0, 0.0, 0.0))
             for face_name, face in GEOMETRY[self.KIND].faces.items()
@@ -86,8 +83,8 @@ class ActiveHinge(_Module):
 
     The frame is rigid with the parent; servo and end plate turn with the arm, by at most 60
     degrees to either side. The servo's torque is ``stiffness * (target - position) - damping *
-    velocity``, limited to 0.948 N·m, all of it times ``strength_scale``. MuJoCo has no limit on a
-    joint's speed, so the motor's top speed of 6.34 rad/s is not enforced.
+    velocity``, limited to 0.948 N·m. The motor's top speed of 6.34 rad/s is not enforced;
+    ``disturbances.top_speed`` does that.
 
     Args:
         name: name of the module's MJCF model.
@@ -95,8 +92,6 @@ class ActiveHinge(_Module):
         stiffness: of the servo (N·m/rad).
         damping: of the servo (N·m·s/rad).
         armature: inertia of the motor's rotor as seen by the joint (kg·m²).
-        mass_scale: factor on the module's mass.
-        strength_scale: factor on the servo's torque.
     """
 
     def _build(
@@ -106,14 +101,12 @@ class ActiveHinge(_Module):
         stiffness: float = STIFFNESS,
         damping: float = DAMPING,
         armature: float = ARMATURE,
-        mass_scale: float = 1.0,
-        strength_scale: float = 1.0,
     ) -> None:
         geometry = GEOMETRY["hinge"]
         pivot = (geometry.joint, 0.0, 0.0)
         self._mjcf_root = _new_model(name)
         for box in geometry.boxes:
-            _add_box(self._mjcf_root.worldbody, box, (0.0, 0.0, 0.0), friction, mass_scale)
+            _add_box(self._mjcf_root.worldbody, box, (0.0, 0.0, 0.0), friction)
         self._arm = arm = self._mjcf_root.worldbody.add("body", name="arm", pos=pivot)
         self._joint = arm.add(
             "joint",
@@ -125,7 +118,7 @@ class ActiveHinge(_Module):
             armature=armature,
         )
         for box in geometry.arm_boxes:
-            _add_box(arm, box, pivot, friction, mass_scale)
+            _add_box(arm, box, pivot, friction)
         self._attachment_sites = {
             face_name: _add_site(arm, face_name, face, pivot)
             for face_name, face in geometry.faces.items()
@@ -134,12 +127,12 @@ class ActiveHinge(_Module):
             "position",
             name="servo",
             joint=self._joint,
-            kp=strength_scale * stiffness,
-            kv=strength_scale * damping,
+            kp=stiffness,
+            kv=damping,
             ctrllimited=True,
             ctrlrange=(-HINGE_RANGE, HINGE_RANGE),
             forcelimited=True,
-            forcerange=(-strength_scale * HINGE_TORQUE, strength_scale * HINGE_TORQUE),
+            forcerange=(-HINGE_TORQUE, HINGE_TORQUE),
         )
 
     @property
@@ -174,7 +167,6 @@ def _add_box(
     box: Box,
     origin: tuple[float, float, float],
     friction: float,
-    mass_scale: float,
 ) -> None:
     body.add(
         "geom",
@@ -182,7 +174,7 @@ def _add_box(
         type="box",
         pos=[centre - offset for centre, offset in zip(box.centre, origin)],
         size=[length / 2 for length in box.lengths],
-        mass=mass_scale * box.mass,
+        mass=box.mass,
         rgba=_COLOURS[box.name],
         friction=(friction,),
     )

@@ -77,7 +77,17 @@ class RobotState:
 
     def in_core_frame(self, vectors: torch.Tensor) -> torch.Tensor:
         """Turns vectors of the world's frame, shape ``(robots, 3)``, into the cores' frames."""
-        w, u = self.orientation[:, :1], -self.orientation[:, 1:]
-        # Rotation by the inverse quaternion (w, u): v + 2 w (u x v) + 2 u x (u x v).
-        across = 2 * u.cross(vectors, dim=-1)
-        return vectors + w * across + u.cross(across, dim=-1)
+        return into_frame(self.orientation, vectors)
+
+
+def into_frame(orientation: torch.Tensor, vectors: torch.Tensor) -> torch.Tensor:
+    """Turns vectors of the world's frame, shape ``(robots, 3)``, into frames of their own.
+
+    Args:
+        orientation: of the frames, unit quaternions w x y z, frame to world, shape ``(robots, 4)``.
+        vectors: the vectors.
+    """
+    w, u = orientation[:, :1], -orientation[:, 1:]
+    # Rotation by the inverse quaternion (w, u): v + 2 w (u x v) + 2 u x (u x v).
+    across = 2 * u.cross(vectors, dim=-1)
+    return vectors + w * across + u.cross(across, dim=-1)

@@ -15,10 +15,11 @@ from dm_control.composer.observation import observable
 from dm_env import specs
 
 from locomotion.arenas.ground import Ground
+from locomotion.arenas.terrain import Terrain, put_under
 from locomotion.robots.modular_robot import ModularRobot
 from locomotion.tasks.options import TIMESTEP, EnvConfig, Integrator, Start, delay_for
 from locomotion.tasks.rewards import Distance, Reward
-from locomotion.tasks.starts import start_poses
+from locomotion.tasks.starts import any_poses, spread, upright_poses
 from locomotion.tasks.state import RobotState
 from locomotion.tasks.touch import TouchMap, add_touch_sensors
 from locomotion.tasks.work import hinge_work
@@ -195,6 +196,26 @@ class WalkAway(composer.Task):
             self, physics.model.ptr, field, self._start, self._work, self._start_heading
         )
 
+    def draw_starts(self, count: int, generator: torch.Generator) -> torch.Tensor | None:
+        """Draws where cores start.
+
+        Args:
+            count: of starts.
+            generator: on the CPU.
+
+        Returns:
+            Places (m) and unit quaternions w x y z, float64 of shape ``(count, 7)``; ``None`` where all
+            start as the model is, upright on flat ground.
+        """
+        uneven = isinstance(self._arena, Terrain)
+        if self.start is Start.any:
+            poses = any_poses(self.robot, count, self.overturned, generator)
+        elif uneven:
+            poses = upright_poses(self.robot, count)
+        else:
+            return None
+        return spread(poses, self.robot, self._arena, generator) if uneven else poses
+
     def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
         """Targets of all hinges (rad), in the order of ``robot.hinges``."""
         limit, shape = self.target_limit, (len(self.robot.hinges),)
@@ -203,16 +224,17 @@ class WalkAway(composer.Task):
     def initialize_episode(
         self, physics: mjcf.Physics, random_state: np.random.RandomState
     ) -> None:
-        if self.start is Start.any:
-            generator = torch.Generator().manual_seed(int(random_state.randint(2**31)))
-            (pose,) = start_poses(self.robot, 1, self.overturned, generator)
-            physics.data.qpos[2:7] = pose.numpy()
+        generator = torch.Generator().manual_seed(int(random_state.randint(2**31)))
+        poses = self.draw_starts(1, generator)
+        if poses is not None:
+            physics.data.qpos[:7] = poses[0].numpy()
         if self._start_heading is not None:
             self._start_heading = self.state(physics).heading
         limit = self.target_limit
         targets = random_state.uniform(-limit, limit, len(self.robot.hinges))
         physics.bind(self.robot.actuators).ctrl = targets
         self._felt = None
+        put_under(physics.model.ptr, physics.data.ptr)
         for _ in range(self.settle_steps):
             self._feel(physics)
             physics.step()
@@ -223,6 +245,7 @@ class WalkAway(composer.Task):
         self, physics: mjcf.Physics, action: np.ndarray, random_state: np.random.RandomState
     ) -> None:
         physics.bind(self.robot.actuators).ctrl = action
+        put_under(physics.model.ptr, physics.data.ptr)
         # Nothing derived is left over from a reset, which dm-control ends with actuation disabled.
         mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
         field = self.state(physics).field

@@ -32,12 +32,14 @@ def make_env(
         network: an architecture in place of the one that is described.
     """
     if base_env is None:
-        task = make_task(config.robot, config.arena, config.task, config.env, config.physics)
+        parts = (config.robot, config.arena, config.task, config.env, config.physics)
+        task = make_task(*parts, config.disturbances)
         base_env = LocomotionEnv(
             task,
             config.env.num_envs,
             readings=_readings(config),
             physics=config.physics,
+            disturbances=config.disturbances,
             time_limit=config.env.time_limit,
             stagger=config.env.stagger,
             seed=config.seed,

@@ -63,7 +63,7 @@ def strictly(text):
 
 
 def test_json_is_all_that_is_on_standard_output(command, tmp_path):
-    task = ("robot=ant", "physics.friction=0.8", "physics.latency=0.1", "arena=ground")
+    task = ("robot=ant", "physics.friction=0.8", "disturbances.latency=0.1", "arena=ground")
     result = command("evaluate", "seconds=1", "env.num_envs=3", "json=true", *task, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""
@@ -75,7 +75,8 @@ def test_json_is_all_that_is_on_standard_output(command, tmp_path):
 
     saved = OmegaConf.load(POLICIES / "ant" / ".hydra" / "config.yaml")
     saved.env.num_envs = 3
-    saved.physics.update(friction=0.8, latency=0.1)
+    saved.physics.friction = 0.8
+    saved.disturbances = {"latency": 0.1}
     walker = make_walker(POLICIES / "ant", typed_config(saved, learning=False))
     speed = measure(walk(walker, 1.0))["speed"].mean().item()
     assert found["mean_action"]["speed"]["mean"] == pytest.approx(speed, abs=1e-9)
@@ -99,7 +100,7 @@ def test_the_table_names_every_measure_and_one_robot_has_no_interval(call):
     table = call("evaluate", "seconds=1", "env.num_envs=1", "reality_check=true")
     for words in ("speed (m/s)", "heading drift (°/min)", "work per metre (J/m)", "on back"):
         assert words in table
-    for words in ("physics.timestep=0.001", "physics.latency=0.25", "push=0.5"):
+    for words in ("physics.timestep=0.001", "disturbances.latency=0.25", "disturbances.push=0.5"):
         assert words in table
     assert "nan" not in table
     (speed,) = (line for line in table.splitlines() if line.startswith("speed"))
@@ -131,15 +132,19 @@ def test_help_names_every_key(name, call):
         ("evaluate", ["robot=ant", "run=x"], "robot=ant and run=x name two policies"),
         ("evaluate", ["run=nowhere"], "nowhere holds no .hydra/config.yaml"),
         ("evaluate", ["secnds=3"], "secnds is not a key; did you mean seconds?"),
-        ("evaluate", ["latency=1"], "latency is not a key; did you mean physics.latency?"),
+        ("evaluate", ["latency=1"], "latency is not a key; did you mean disturbances.latency?"),
         ("evaluate", ["seconds=0"], "seconds=0.0 must be above 0"),
         ("evaluate", ["seconds=soon"], "seconds"),
         ("evaluate", ["delay=1"], "delay is not a key; allowed are"),
-        ("evaluate", ["noise=nan"], "noise=nan must be at least 0"),
+        (
+            "evaluate",
+            ["disturbances.hinge_noise=nan"],
+            "disturbances.hinge_noise=nan must be at least 0",
+        ),
         ("evaluate", ["json=perhaps"], "json: Value 'perhaps' is not a valid bool"),
         ("evaluate", ["physics.fiction=1"], "physics.fiction is not a key; did you mean"),
         ("evaluate", ["physics.friction=-1"], "physics.friction=-1.0 must be at least 0"),
-        ("evaluate", ["physics.latency=-1"], "physics.latency=-1.0 must be at least 0"),
+        ("evaluate", ["disturbances.latency=-1"], "disturbances.latency=-1.0 must be at least 0"),
         ("evaluate", ["physics=bullet"], "physics=bullet is unknown; choose from"),
         ("evaluate", ["arena=moon"], "arena=moon is unknown; choose from ground"),
         ("evaluate", ["arena.name=moon"], "arena.name=moon is unknown; choose from"),
@@ -159,8 +164,8 @@ def test_help_names_every_key(name, call):
         ("evaluate", ["gecko"], "gecko is not KEY=VALUE"),
         (
             "evaluate",
-            ["physics.latency=9.9", "reality_check=true"],
-            "physics.latency=10.15 must be at least 0 and at most 10",
+            ["disturbances.latency=9.9", "reality_check=true"],
+            "disturbances.latency=10.15 must be at least 0 and at most 10",
         ),
         ("watch", ["env.num_envs=3"], "env.num_envs is 1 in this command"),
         ("watch", ["output=film.avi"], "output=film.avi must be a file that ends in .mp4"),

@@ -111,7 +111,7 @@ pytestmark = pytest.mark.slow
         (["physics.timestep=0.5"], "physics.timestep=0.5 must divide the control period of 0.25"),
         (["physics.timestep=1e-9"], "physics.timestep=1e-09 must be at least a millionth of"),
         (["physics.threads=0"], "physics.threads=0 must be at least 1"),
-        (["physics.latency=-1"], "physics.latency=-1.0 must be at least 0"),
+        (["disturbances.latency=-1"], "disturbances.latency=-1.0 must be at least 0"),
         (["physics.device=cuda:0"], "physics.device=cuda:0 must be cpu with physics=threaded"),
         (["physics.contacts=9"], "physics.contacts=9 must be null with physics=threaded"),
         (["physics=warp", "physics.device=gpu"], "physics.device=gpu must be cpu, cuda:0"),

@@ -59,7 +59,7 @@ def overrides(draw):
         "env.target_limit": positive,
         "env.time_limit": st.one_of(st.just("null"), st.floats(1, 1e6)),
         "physics.friction": st.floats(0, 10),
-        "physics.latency": st.floats(0, 1),
+        "disturbances.latency": st.floats(0, 1),
         "physics.self_collision": st.sampled_from(["true", "false"]),
         "ppo.gamma": st.floats(0, 1),
         "ppo.actor_lr": st.floats(1e-6, 1),

@@ -55,7 +55,7 @@ def copied():
 @pytest.mark.parametrize("copied", WAYS.values(), ids=WAYS)
 def test_a_copy_has_the_originals_state_and_future_and_is_on_its_own(copied, make, alike):
     """With parameters and latencies of their own, targets under way, and fields of the last step."""
-    env = make(3, readings=readings.names(), time_limit=1.0, physics={"latency": 0.3})
+    env = make(3, readings=readings.names(), time_limit=1.0, disturbances={"latency": 0.3})
     env.physics.set_latency(torch.tensor([0.0, 0.07, 0.3]))
     env.physics.expand("body_mass")[1] *= 1.5
     env.physics.set_const()
@@ -164,7 +164,7 @@ from locomotion.envs import LocomotionEnv
 torch.set_num_threads(1)
 
 def make(threads):
-    return LocomotionEnv("gecko", 3, seed=0, physics={"threads": threads, "latency": 0.1})
+    return LocomotionEnv("gecko", 3, seed=0, physics={"threads": threads}, disturbances={"latency": 0.1})
 
 env, idle, memory = make(int(sys.argv[2])), make(2), make(2).physics.qpos
 env.physics.expand("actuator_gainprm")[1] *= 0.5

@@ -177,7 +177,7 @@ def test_a_partial_reset_touches_only_its_robots(make):
 
 
 def test_set_state_begins_an_episode_of_the_robots_that_it_is_told(make):
-    env = make(3, physics={"latency": 0.1}, time_limit=1.0)
+    env = make(3, disturbances={"latency": 0.1}, time_limit=1.0)
     td = env.rollout(2)[:, -1]["next"]
     before = env.physics.motion.clone()
     where = torch.tensor([False, True, False], device=before.device)
@@ -251,17 +251,6 @@ def test_a_task_that_is_given_has_its_own_settings():
         LocomotionEnv(make_task(load_robot("gecko")), 1, settle_time=1.0)
 
 
-def test_scales_multiply_masses_and_torques():
-    def model(**physics):
-        return LocomotionEnv("gecko", 1, seed=0, physics={"threads": 1, **physics}).model
-
-    plain, scaled = model(), model(mass_scale=1.5, strength_scale=0.5)
-    np.testing.assert_allclose(scaled.body_mass, 1.5 * plain.body_mass)
-    np.testing.assert_allclose(scaled.body_inertia, 1.5 * plain.body_inertia)
-    for array in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
-        np.testing.assert_allclose(getattr(scaled, array), 0.5 * getattr(plain, array))
-
-
 def test_watching_every_physics_step_changes_nothing():
     watched, plain = (LocomotionEnv("ant", 3, seed=0) for _ in range(2))
     places = []
@@ -278,7 +267,7 @@ def test_watching_every_physics_step_changes_nothing():
 
 def test_its_state_decides_all_that_comes_next(make):
     """Starts, episodes and rewards of another one that is given the state."""
-    first, second = (make(3, time_limit=1.0, physics={"latency": 0.1}) for _ in range(2))
+    first, second = (make(3, time_limit=1.0, disturbances={"latency": 0.1}) for _ in range(2))
     first.rollout(6, break_when_any_done=False)
     state = first.state_dict()
     walks = []

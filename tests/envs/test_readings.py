@@ -174,8 +174,8 @@ def test_a_partial_reset_leaves_the_readings_of_others_alone(make):
 @pytest.mark.parametrize("robot", ["gecko", "ant"])
 @pytest.mark.parametrize(("latency", "settle_time"), [(0.0, 0.5), (0.1, 0.0)])
 def test_dm_controls_observables_are_the_same(robot, latency, settle_time):
-    physics = {"latency": latency}
-    env = LocomotionEnv(robot, 2, readings=ALL, physics=physics, settle_time=settle_time)
+    late = {"latency": latency}
+    env = LocomotionEnv(robot, 2, readings=ALL, disturbances=late, settle_time=settle_time)
     reference = composer.Environment(env.task, random_state=0)
     assert set(reference.observation_spec()) == set(ALL)
     reference.reset()

@@ -116,7 +116,7 @@ def test_with_transforms_it_goes_on_as_if_it_had_never_stopped(name):
 
 def test_targets_that_are_under_way_arrive():
     readings = ["hinge_position", "hinge_target", "hinge_torque", "ground_contact", "phase_clock"]
-    assert_resumes(lambda: gecko(readings=readings, physics={"latency": 0.15}))
+    assert_resumes(lambda: gecko(readings=readings, disturbances={"latency": 0.15}))
 
 
 def test_transforms_of_the_environment_inside_go_on_too():

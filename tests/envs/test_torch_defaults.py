@@ -30,7 +30,7 @@ def equal(expected, found):
 
 def test_an_environment_is_the_same(others_defaults, make):
     def walk():
-        env = make(3, readings=readings.names(), time_limit=1.0, physics={"latency": 0.1})
+        env = make(3, readings=readings.names(), time_limit=1.0, disturbances={"latency": 0.1})
         env.physics.set_latency(0.05)
         check_env_specs(env)
         torch.manual_seed(0)

@@ -27,11 +27,11 @@ class Scripted:
 def scripted():
     """Makes a walker whose robots are moved by a sine, and the policy that moves them."""
 
-    def make(*overrides, amplitude=1.0, step=1.0, disturbances=None, walker=Walker):
+    def make(*overrides, amplitude=1.0, step=1.0, walker=Walker):
         overrides = ("env.num_envs=3", "ppo.minibatch_size=1", "physics.threads=1", *overrides)
         env = make_env(compose(*overrides))
         policy = Scripted(amplitude, env.action_spec, step)
-        return walker(env, policy, disturbances), policy
+        return walker(env, policy), policy
 
     return make
 
@@ -40,10 +40,11 @@ def scripted():
 def shipped_run():
     """The folder of a policy that ships, and the task it was trained on, for a number of robots."""
 
-    def read(robot, num_envs, **physics):
+    def read(robot, num_envs, disturbances=None, **physics):
         folder = POLICIES / robot
         saved = read_config(folder)
         saved["env"]["num_envs"] = num_envs
+        saved["disturbances"] = disturbances or {}
         saved["physics"] |= {"threads": 1, **physics}
         return folder, typed_config(saved, learning=False)
 

@@ -133,7 +133,9 @@ def test_the_exported_policy_acts_as_the_original(overrides, memory, exported):
 
 
 def test_a_robot_alone_is_written_without_its_policy(exported):
-    env, _, (_, _, xml) = exported("network=gru", "physics.latency=0.1", "physics.friction=0.7")
+    env, _, (_, _, xml) = exported(
+        "network=gru", "disturbances.latency=0.1", "physics.friction=0.7"
+    )
     ours, theirs = env.base_env.model, mujoco.MjModel.from_xml_path(str(xml))
     for name in ("body_mass", "pair_friction", "actuator_delay", "actuator_gainprm", "qpos0"):
         np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name))

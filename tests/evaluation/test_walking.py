@@ -8,8 +8,7 @@ import pytest
 import torch
 
 from locomotion import compose
-from locomotion.evaluation import Disturbances, Walker, make_walker, measure, summarise, walk
-from locomotion.evaluation.walking import PUSH_INTERVAL
+from locomotion.evaluation import Walker, make_walker, measure, summarise, walk
 from locomotion.runs.checkpoints import Checkpoints
 from locomotion.training.build import make_env, make_learner
 
@@ -82,7 +81,7 @@ def test_looking_at_the_effort_changes_nothing(scripted):
 
 
 def test_a_latency_of_a_control_step_is_each_target_a_step_later(scripted):
-    late = walk(scripted("physics.latency=0.25", "env.settle_time=0")[0], 2.0)
+    late = walk(scripted("disturbances.latency=0.25", "env.settle_time=0")[0], 2.0)
     walker, policy = scripted("env.settle_time=0")
 
     def one_later(tensordict):
@@ -98,7 +97,7 @@ def test_a_latency_of_a_control_step_is_each_target_a_step_later(scripted):
 def test_noise_is_in_what_a_policy_senses_and_nowhere_else(shipped_run):
     walks, seen = [], []
     for noise in (0.0, 0.05):
-        walker = make_walker(*shipped_run("gecko", 200), Disturbances(noise=noise))
+        walker = make_walker(*shipped_run("gecko", 200, {"hinge_noise": noise}))
         env = walker.env
         seen.append([])
 
@@ -115,28 +114,13 @@ def test_noise_is_in_what_a_policy_senses_and_nowhere_else(shipped_run):
 def test_noisy_hinges_do_not_matter_to_a_policy_that_senses_none(tmp_path):
     (tmp_path / "obs").mkdir()
     (tmp_path / "obs" / "blind.yaml").write_text("phase_clock: {}\n")
-    config = compose("obs=blind", "env.num_envs=2", "ppo.minibatch_size=1", config_dir=tmp_path)
-    Checkpoints(tmp_path, policy=make_learner(config, make_env(config)).policy).save(1)
-    walks = [
-        walk(make_walker(tmp_path, config, Disturbances(noise=noise)), 1.0) for noise in (0.0, 1.0)
-    ]
+    few = ("obs=blind", "env.num_envs=2", "ppo.minibatch_size=1")
+    plain, noisy = (
+        compose(*few, f"disturbances.hinge_noise={noise}", config_dir=tmp_path) for noise in (0, 1)
+    )
+    Checkpoints(tmp_path, policy=make_learner(plain, make_env(plain)).policy).save(1)
+    walks = [walk(make_walker(tmp_path, config), 1.0) for config in (plain, noisy)]
     assert torch.equal(walks[0].position, walks[1].position)
-
-
-def test_a_push_changes_the_velocity_once_in_ten_seconds(scripted):
-    walker, _ = scripted(disturbances=Disturbances(push=0.5))
-    walker.start()
-    base, nq = walker.base_env, walker.base_env.model.nq
-    pushes = []
-    for _ in range(round(PUSH_INTERVAL * 4) + 1):
-        before, starts = base.physics.qvel.clone(), []
-        with base.after_substep(lambda physics, starts=starts: starts.append(physics.previous)):
-            walker.step(sampled=False)
-        pushes.append(starts[0][:, 1 + nq :] - before)
-    assert [step for step, change in enumerate(pushes) if change.any()] == [20]
-    speeds = pushes[20][:, :2].norm(dim=-1)
-    torch.testing.assert_close(speeds, torch.full((3,), 0.5, dtype=torch.float64))
-    assert not pushes[20][:, 2:].any()
 
 
 @pytest.mark.parametrize("robot", ["gecko", "ant"])

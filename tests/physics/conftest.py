@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 import torch
 
+from locomotion.disturbances import DisturbancesConfig
 from locomotion.envs import make_task
 from locomotion.options import typed
 from locomotion.physics import make_physics
@@ -13,12 +14,22 @@ from locomotion.tasks import compile_model
 
 @pytest.fixture(scope="session")
 def make(stepping):
-    """Makes the physics of a robot with the keys of ``physics`` that are given."""
+    """Makes the physics of a robot with the keys of ``physics`` that are given.
 
-    def make(num_envs, robot="gecko", **options):
+    ``latency`` is what there is room for; masses and torques are scaled by hand.
+    """
+
+    def make(num_envs, robot="gecko", latency=0.0, mass=1.0, strength=1.0, **options):
         config = typed(PhysicsConfig, {**stepping, **options})
-        task = make_task(load_robot(robot), physics=config)
-        return make_physics(compile_model(task, sensors=False), num_envs, config)
+        late = DisturbancesConfig(latency=latency)
+        task = make_task(load_robot(robot), physics=config, disturbances=late)
+        model = compile_model(task, sensors=False)
+        for array in (model.body_mass, model.body_inertia):
+            array *= mass
+        for array in (model.actuator_gainprm, model.actuator_biasprm, model.actuator_forcerange):
+            array *= strength
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        return make_physics(model, num_envs, config)
 
     return make
 

@@ -86,6 +86,6 @@ def test_there_is_no_room_unless_it_was_asked_for(make):
     physics = make(2)
     physics.set_latency(0.0)
     with pytest.raises(
-        ConfigError, match=r"0\.1 s is beyond the 0 s .* physics\.latency makes room"
+        ConfigError, match=r"0\.1 s is beyond the 0 s .* disturbances\.latency makes room"
     ):
         physics.set_latency(0.1)

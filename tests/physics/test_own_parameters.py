@@ -33,7 +33,7 @@ def give(physics, models, *names):
 
 
 def test_masses(make, fly, by_hand, same):
-    models = [make(1, mass_scale=scale).model for scale in HEAVY]
+    models = [make(1, mass=scale).model for scale in HEAVY]
     physics = make(3)
     give(physics, models, "body_mass", "body_inertia")
     physics.set_const()
@@ -44,7 +44,7 @@ def test_masses(make, fly, by_hand, same):
 
 def test_the_constants_that_follow_from_masses_are_those_of_contacts_too(make, by_hand, same):
     """On the ground, where the softness of contacts depends on them."""
-    models = [make(1, mass_scale=scale).model for scale in HEAVY]
+    models = [make(1, mass=scale).model for scale in HEAVY]
     physics = make(3)
     give(physics, models, "body_mass", "body_inertia")
     physics.set_const()
@@ -58,7 +58,7 @@ def test_the_constants_that_follow_from_masses_are_those_of_contacts_too(make, b
 
 
 def test_strengths(make, fly, by_hand, same):
-    models = [make(1, strength_scale=scale).model for scale in STRONG]
+    models = [make(1, strength=scale).model for scale in STRONG]
     physics = make(3)
     fly(physics)
     physics.qvel[:] = physics.qvel[:1]
@@ -67,7 +67,7 @@ def test_strengths(make, fly, by_hand, same):
 
 
 def test_parameters_may_change_between_steps(make, fly, by_hand, same):
-    weak = make(1, strength_scale=0.5).model
+    weak = make(1, strength=0.5).model
     physics = make(3)
     fly(physics)
     control = targets(3)[0]

@@ -27,7 +27,7 @@ HINGES = "hinge_position"
 RUNS = {
     "gru": (["network=gru", "network.layers=2", "network.hidden_size=8"], {}),
     "no time limit": (["env.time_limit=null"], {}),
-    "late targets": (["physics.latency=0.1", "physics.mass_scale=1.2"], {}),
+    "late targets": (["disturbances.latency=0.1", "disturbances.mass=[0.8,1.2]"], {}),
     "optimiser": (
         ["ppo.optimizer=sgd", "+ppo.optimizer_options.momentum=0.9", "ppo.max_grad_norm=0.1"],
         {},

@@ -91,9 +91,10 @@ def test_it_is_the_integral_whatever_the_timestep(timestep, make, actions, exact
 
 def test_work_is_that_of_servos_as_each_robot_has_them(make, actions, stepping):
     """Some of the torques are at the limit, which is a robot's own too."""
-    env, physics = make(0.01, **stepping), {"strength_scale": 0.6, "damping": 1.2}
+    env, physics = make(0.01, **stepping), {"stiffness": 0.6, "damping": 0.72}
     weak = make_task(load_robot("gecko"), physics=PhysicsConfig(**physics))
     weak = compile_model(weak, sensors=False)
+    weak.actuator_forcerange *= 0.6
     for name in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
         own = env.physics.expand(name)
         own[1] = torch.as_tensor(getattr(weak, name)).to(own).reshape(own[1].shape)

@@ -71,7 +71,7 @@ def test_the_stand_in_refuses_and_counts(elsewhere):
 
 def test_all_readings_and_rewards_stay_on_the_device(placed, elsewhere):
     device, crossings = elsewhere
-    config = placed("task=walk_along", "physics.latency=0.1", "physics.self_collision=true")
+    config = placed("task=walk_along", "disturbances.latency=0.1", "physics.self_collision=true")
     env = LocomotionEnv(
         make_env(config).base_env.task,
         4,
@@ -130,7 +130,7 @@ def test_a_policy_is_measured_and_filmed_on_the_device(elsewhere, capsys):
 @pytest.mark.parametrize("latency", [0.0, 0.1])
 def test_a_control_step_waits_three_times_for_the_device(latency, placed, elsewhere):
     _, crossings = elsewhere
-    collector, _ = collecting(placed("env.time_limit=null", f"physics.latency={latency}"))
+    collector, _ = collecting(placed("env.time_limit=null", f"disturbances.latency={latency}"))
     batches = iter(collector)
     next(batches)
     crossings.clear()

@@ -1,0 +1,93 @@
+"""Drawing: the values that robots, links and hinges have for a while."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import torch
+
+from locomotion.disturbances.options import DEFAULTS, DisturbancesConfig
+
+#: Those of which each link, and each hinge, has a value of its own; of the others each robot has one.
+_BY_LINK = ("mass",)
+_BY_HINGE = ("strength", "stiffness", "damping", "hinge_friction", "backlash", "hinge_bias")
+#: Those that are drawn to either side, or about an axis of any direction.
+_SIGNED, _DIRECTED = ("hinge_bias",), ("orientation_bias", "gyro_bias")
+
+
+class Draws:
+    """What each robot has drawn of each disturbance that is active, by name.
+
+    Values are uniform in their range. Each has shape ``(num_envs, 1)``, ``(num_envs, links)``,
+    ``(num_envs, hinges)``, or ``(num_envs, 3)`` if it has a direction; ``stuck`` is a mask of hinges.
+
+    Args:
+        config: the ranges.
+        model: the compiled model, whose first joint is a free one.
+        num_envs: number of robots.
+        device: where they are.
+    """
+
+    def __init__(
+        self,
+        config: DisturbancesConfig,
+        model: mujoco.MjModel,
+        num_envs: int,
+        device: torch.device,
+    ) -> None:
+        sizes = dict.fromkeys(DEFAULTS, 1) | dict.fromkeys(_BY_LINK, model.nbody - 1)
+        sizes |= dict.fromkeys((*_BY_HINGE, "stuck"), model.nu) | dict.fromkeys(_DIRECTED, 3)
+        self._ends = {name: config.ends(name) for name in DEFAULTS if config.active(name)}
+        self._values = {
+            name: torch.zeros(num_envs, sizes[name], dtype=torch.float64, device=device)
+            for name in self._ends
+        }
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._values
+
+    def __getitem__(self, name: str) -> torch.Tensor:
+        return self._values[name]
+
+    def get(self, name: str) -> torch.Tensor | float:
+        """A disturbance's values, or the one that changes nothing."""
+        nominal = DEFAULTS[name]
+        return self._values.get(name, torch.inf if nominal is None else nominal)
+
+    def draw(self, generator: torch.Generator) -> None:
+        """Draws all anew.
+
+        Args:
+            generator: on the robots' device.
+        """
+        for name, values in self._values.items():
+            values.copy_(self._drawn(name, values, generator))
+
+    def _drawn(self, name: str, values: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+        low, high = self._ends[name]
+        how = {"generator": generator, "dtype": values.dtype, "device": values.device}
+        robots, size = values.shape
+        if name == "stuck":
+            # The hinge that may be stuck, and whether it is.
+            hinge = torch.rand(robots, size, **how).argmax(1)
+            chance = low + (high - low) * torch.rand(robots, **how)
+            stuck = torch.rand(robots, **how) < chance
+            return torch.nn.functional.one_hot(hinge, size) * stuck[:, None]
+        size = 1 if name in _DIRECTED else size
+        drawn = low + (high - low) * torch.rand(robots, size, **how)
+        if name in _SIGNED:
+            drawn = drawn * (2.0 * (torch.rand(robots, size, **how) < 0.5) - 1.0)
+        if name in _DIRECTED:
+            axis = torch.randn(robots, 3, **how)
+            drawn = drawn * axis / axis.norm(dim=1, keepdim=True)
+        return drawn
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        """All that was drawn."""
+        return {name: values.clone() for name, values in self._values.items()}
+
+    def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Puts back what was drawn."""
+        for name, values in self._values.items():
+            values.copy_(state[name])

@@ -14,7 +14,7 @@ from pathlib import Path
 from locomotion.cli.refusal import refusing
 from locomotion.config import Config
 from locomotion.quiet import quiet
-from reproduction.runs import load_config
+from reproduction.runs import walking_config
 
 NUM_ENVS, STEPS, WARM_UP = 256, 400, 50
 
@@ -65,7 +65,7 @@ def main() -> None:
     arguments = parser.parse_args()
     run, steps = arguments.run, arguments.steps
     with refusing(), quiet():
-        config = load_config(run, arguments.robots)
+        config = walking_config(run, arguments.robots)
         trained, deviation = walk(run, config, steps, None)
         print(f"{config.robot.name}: {trained:.4f} ± {deviation:.4f} m a step as trained")
         for fused, name in ((True, "plain contacts"), (False, "plain contacts, nothing fused")):

@@ -18,7 +18,7 @@ from locomotion.cli.refusal import refusing
 from locomotion.plots.curves import find_runs
 from locomotion.quiet import quiet
 from reproduction.claims import table
-from reproduction.runs import load_config
+from reproduction.runs import walking_config
 
 if TYPE_CHECKING:
     from locomotion.evaluation import Interval
@@ -34,7 +34,7 @@ def rows(run: Path, num_envs: int, seconds: float) -> list[list[str]]:
     """Walks with a run's policy in both worlds, a row each."""
     from locomotion.evaluation import make_walker, measure, summarise, walk
 
-    config = load_config(run, num_envs)
+    config = walking_config(run, num_envs)
     trained, found = config.physics.self_collision, []
     for collide in (False, True):
         config.physics = dataclasses.replace(config.physics, self_collision=collide)

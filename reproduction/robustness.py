@@ -12,23 +12,21 @@ the mean over seeds. A CSV file in place of a sweep is read, not walked again::
 from __future__ import annotations
 
 import argparse
-import csv
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from tqdm import tqdm
 
 from locomotion.cli.refusal import refusing
 from locomotion.disturbances.options import DEFAULTS
-from locomotion.plots.curves import find_runs
 from locomotion.plots.observations import observations_name
 from locomotion.plots.statistics import mean_interval
 from locomotion.quiet import quiet
 from locomotion.tasks.options import Start
-from locomotion.writing import replacing
 from reproduction import RESULTS
 from reproduction.claims import table
+from reproduction.rows import gather
 from reproduction.runs import load_config, walking_config
 
 NUM_ENVS, SECONDS, FIRST_SECONDS = 64, 60.0, 20.0
@@ -89,23 +87,6 @@ def _trained(run: Path) -> str:
     return ", ".join(words)
 
 
-def read(path: Path) -> list[Row]:
-    """The rows that :func:`write` left."""
-    with path.open(encoding="utf-8", newline="") as file:
-        lines = list(csv.DictReader(file))
-    return [
-        Row(**{**line, "seed": int(line["seed"]), "value": float(line["value"])}) for line in lines
-    ]
-
-
-def write(path: Path, rows: Iterable[Row]) -> None:
-    """Leaves rows in a CSV file."""
-    with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, [field.name for field in dataclasses.fields(Row)])
-        writer.writeheader()
-        writer.writerows({**vars(row), "value": f"{row.value:.4f}"} for row in rows)
-
-
 def summary(rows: Sequence[Row]) -> list[str]:
     """A table for each robot: changes as rows, ways of training as columns."""
     lines = []
@@ -135,6 +116,12 @@ def _cell(rows: Sequence[Row], way: str, change: str) -> str:
     return f"{mean:{form}}{between}"
 
 
+def _measured(runs: Sequence[Path], seconds: float) -> Iterator[Row]:
+    with tqdm(desc="control steps", unit="step", disable=None) as bar:
+        for run in runs:
+            yield from evaluate(run, seconds, bar.update)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         prog="python -m reproduction.robustness",
@@ -146,14 +133,12 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=RESULTS / "robustness.csv", metavar="FILE")
     arguments = parser.parse_args()
     with refusing(), quiet():
-        files = [source for source in arguments.sources if source.suffix == ".csv"]
-        folders = [source for source in arguments.sources if source.suffix != ".csv"]
-        rows = [row for file in files for row in read(file)]
-        if folders:
-            with tqdm(desc="control steps", unit="step", disable=None) as bar:
-                for run in find_runs(folders):
-                    rows += evaluate(run, arguments.seconds, bar.update)
-            write(arguments.output, rows)
+        rows = gather(
+            Row,
+            arguments.sources,
+            lambda runs: _measured(runs, arguments.seconds),
+            arguments.output,
+        )
     print(*summary(rows), sep="\n")
 
 

@@ -12,9 +12,8 @@ a sweep is read, not walked again::
 from __future__ import annotations
 
 import argparse
-import csv
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import fmean
 
@@ -22,12 +21,12 @@ from tqdm import tqdm
 
 from locomotion.cli.refusal import refusing
 from locomotion.config import Config
-from locomotion.plots.curves import find_runs, read_metrics
+from locomotion.plots.curves import read_metrics
 from locomotion.quiet import quiet
 from locomotion.tasks.options import Start
-from locomotion.writing import replacing
 from reproduction import RESULTS
 from reproduction.claims import table
+from reproduction.rows import gather
 from reproduction.runs import walking_config
 
 #: Left out while the setting was searched for.
@@ -99,27 +98,6 @@ def _speeds(run: Path, config: Config, start: Start) -> dict[str, float]:
     }
 
 
-def read(path: Path) -> list[Row]:
-    """The rows that :func:`write` left."""
-    types = {field.name: field.type for field in dataclasses.fields(Row)}
-    make = {"str": str, "int": int, "float": float}
-    with path.open(encoding="utf-8", newline="") as file:
-        return [
-            Row(**{name: make[types[name]](value) for name, value in line.items()})
-            for line in csv.DictReader(file)
-        ]
-
-
-def write(path: Path, rows: Iterable[Row]) -> None:
-    """Leaves rows in a CSV file."""
-    with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, [field.name for field in dataclasses.fields(Row)])
-        writer.writeheader()
-        for row in rows:
-            shown = {k: f"{v:.4f}" if isinstance(v, float) else v for k, v in vars(row).items()}
-            writer.writerow(shown)
-
-
 def summary(rows: Sequence[Row]) -> list[str]:
     """The table, and the means over bodies."""
     bodies = {row.robot: [r for r in rows if r.robot == row.robot] for row in rows}
@@ -157,6 +135,10 @@ def _cells(runs: Sequence[Row]) -> list[str]:
     ]
 
 
+def _measured(runs: Sequence[Path]) -> Iterator[Row]:
+    return map(evaluate, tqdm(runs, unit="run", disable=None))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         prog="python -m reproduction.standard_bodies",
@@ -169,12 +151,7 @@ def main() -> None:
     )
     arguments = parser.parse_args()
     with refusing(), quiet():
-        files = [source for source in arguments.sources if source.suffix == ".csv"]
-        folders = [source for source in arguments.sources if source.suffix != ".csv"]
-        rows = [row for file in files for row in read(file)]
-        if folders:
-            rows += [evaluate(run) for run in tqdm(find_runs(folders), unit="run", disable=None)]
-            write(arguments.output, rows)
+        rows = gather(Row, arguments.sources, _measured, arguments.output)
     print(*summary(rows), sep="\n")
 
 

@@ -39,6 +39,7 @@ class Draws:
         sizes = dict.fromkeys(DEFAULTS, 1) | dict.fromkeys(_BY_LINK, model.nbody - 1)
         sizes |= dict.fromkeys((*_BY_HINGE, "stuck"), model.nu) | dict.fromkeys(_DIRECTED, 3)
         self._ends = {name: config.ends(name) for name in DEFAULTS if config.active(name)}
+        self._chance = config.chance
         self._values = {
             name: torch.zeros(num_envs, sizes[name], dtype=torch.float64, device=device)
             for name in self._ends
@@ -52,8 +53,13 @@ class Draws:
 
     def get(self, name: str) -> torch.Tensor | float:
         """A disturbance's values, or the one that changes nothing."""
+        return self._values.get(name, self.nominal(name))
+
+    @staticmethod
+    def nominal(name: str) -> float:
+        """The value of a disturbance that changes nothing."""
         nominal = DEFAULTS[name]
-        return self._values.get(name, torch.inf if nominal is None else nominal)
+        return torch.inf if nominal is None else nominal
 
     def draw(self, generator: torch.Generator) -> None:
         """Draws all anew.
@@ -62,7 +68,12 @@ class Draws:
             generator: on the robots' device.
         """
         for name, values in self._values.items():
-            values.copy_(self._drawn(name, values, generator))
+            drawn = self._drawn(name, values, generator)
+            if self._chance < 1:
+                how = {"generator": generator, "dtype": values.dtype, "device": values.device}
+                acts = torch.rand(len(values), 1, **how) < self._chance
+                drawn = torch.where(acts, drawn, self.nominal(name))
+            values.copy_(drawn)
 
     def _drawn(self, name: str, values: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         low, high = self._ends[name]

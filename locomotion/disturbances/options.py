@@ -40,6 +40,12 @@ class DisturbancesConfig(Checked):
         above=0,
         most=1_000_000_000,
     )
+    chance: float = key(
+        "of each disturbance to act on a robot, whenever it draws; otherwise nothing changes",
+        default=1.0,
+        above=0,
+        most=1,
+    )
     mass: Any = _spread(
         "factor on the mass and inertia of each link, the modules between two hinges",
         1.0,

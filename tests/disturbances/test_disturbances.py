@@ -38,6 +38,7 @@ ALL = {
     "speed_noise": 0.1,
     "gyro_bias": [0.0, 0.1],
     "interval": 1.0,
+    "chance": 0.8,
 }
 SENSED = ["hinge_position", "hinge_velocity", "core_orientation", "core_angular_velocity"]
 
@@ -66,7 +67,7 @@ def walk(env, steps, seen=None):
 
 
 def test_all_of_them_at_once_are_an_environment_as_torchrl_wants_it(make):
-    assert set(ALL) == set(DEFAULTS) | {"interval", "push_interval"}
+    assert set(ALL) == set(DEFAULTS) | {"interval", "push_interval", "chance"}
     check_env_specs(make(names=readings.names(), **ALL))
 
 
@@ -102,6 +103,21 @@ def test_all_robots_draw_anew_after_each_interval_and_not_between(make):
     factors = torch.stack(masses) / shared
     assert (factors >= 0.499).all() and (factors <= 2.001).all()
     assert factors[0].unique().numel() == factors[0].numel()  # each link has its own
+
+
+def test_each_acts_on_some_robots_alone(make):
+    env = make(200, mass=[1.5, 2.0], strength=0.5, top_speed=6.0, chance=0.3)
+    env.reset()
+    physics, model = env.physics, env.model
+    heavy = (
+        physics.parameter("body_mass").cpu()[:, 1:] > 1.2 * torch.tensor(model.body_mass[1:])
+    ).double()
+    weak = physics.parameter("actuator_forcerange").cpu()[:, 0, 1] < 0.9 * HINGE_TORQUE
+    slowed = physics.parameter("dof_damping").cpu()[:, 6] > 0
+    acting = torch.stack([heavy.mean(1), weak.double(), slowed.double()])
+    assert set(acting.unique().tolist()) == {0.0, 1.0}
+    assert ((acting.mean(1) - 0.3).abs() < 0.12).all()
+    assert torch.corrcoef(acting).triu(1).abs().max() < 0.25  # each by itself
 
 
 def test_masses_move_as_mujoco_moves_them(make):

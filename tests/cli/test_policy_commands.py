@@ -107,6 +107,20 @@ def test_the_table_names_every_measure_and_one_robot_has_no_interval(call):
     assert "[" not in speed
 
 
+def test_a_policy_is_measured_without_the_disturbances_of_its_training(call, tmp_path):
+    shutil.copytree(POLICIES / "gecko", tmp_path / "run")
+    record = tmp_path / "run" / ".hydra" / "config.yaml"
+    saved = OmegaConf.load(record)
+    saved.disturbances = {"latency": [0.1, 0.25], "mass": 2.0}
+    OmegaConf.save(saved, record)
+    short = (f"run={tmp_path / 'run'}", "seconds=2", "env.num_envs=2", "json=true")
+    plain, trained, late = (
+        strictly(call("evaluate", *words))["mean_action"]["speed"]["mean"]
+        for words in (short[1:], short, (*short, "disturbances=robust", "disturbances.chance=1"))
+    )
+    assert plain == trained != late
+
+
 def test_the_film_and_the_table_say_the_same_speed(call, tmp_path):
     said = call("watch", "seconds=2", "web=true", f"output={tmp_path / 'gait.html'}")
     found = strictly(call("evaluate", "seconds=2", "env.num_envs=1", "json=true"))["mean_action"]

@@ -41,6 +41,7 @@ def test_each_row_is_a_walk_under_its_overrides(shipped_run):
     for row in rows:
         assert row.share.low < row.share.mean < row.share.high
         assert row.share.mean == pytest.approx(row.speed / nominal.mean().item())
+    for row in rows[::4]:
         task = {"physics": {"self_collision": False}, "disturbances": {}}
         task["arena"] = {"name": "ground"}
         for word in row.override.split():

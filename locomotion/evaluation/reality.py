@@ -70,7 +70,7 @@ CHANGES = (
     _disturbed("servos 20% weaker", _times(0.8), "strength"),
     _disturbed("servos 20% stronger", _times(1.2), "strength"),
     _disturbed("servos 20% softer", _times(0.8), "stiffness"),
-    _disturbed("servos with half the damping", _times(0.5), "damping"),
+    _disturbed("servos 20% less damped", _times(0.8), "damping"),
     _disturbed("modules 20% lighter", _times(0.8), "mass"),
     _disturbed("modules 20% heavier", _times(1.2), "mass"),
     _disturbed("dry friction in the hinges", _plus(0.05), "hinge_friction"),

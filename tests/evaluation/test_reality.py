@@ -16,7 +16,7 @@ ROWS = [
     *("physics.timestep=0.001", "physics.self_collision=true"),
     *("disturbances.friction=0.5", "disturbances.friction=1.5"),
     *("disturbances.strength=0.8", "disturbances.strength=1.2"),
-    *("disturbances.stiffness=0.8", "disturbances.damping=0.5"),
+    *("disturbances.stiffness=0.8", "disturbances.damping=0.8"),
     *("disturbances.mass=0.8", "disturbances.mass=1.2"),
     *("disturbances.hinge_friction=0.05", "disturbances.backlash=0.05"),
     "disturbances.top_speed=6.33897",

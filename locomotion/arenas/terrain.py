@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 from scipy.ndimage import maximum_filter
 
 from locomotion.arenas.ground import Ground
+from locomotion.arenas.periodic import TERRAIN
 from locomotion.robots.geometry import FRICTION
 
-#: Name of the body that carries periodic ground, and of the number that says its period (m).
-TERRAIN = "terrain"
 #: Depth of the ground below its deepest place (m).
 _BASE = 0.1
 
@@ -18,8 +16,8 @@ _BASE = 0.1
 class Terrain(Ground):
     """A height field that goes on for ever: two periods of it are moved along under each robot.
 
-    Whoever steps the model puts the body ``terrain`` under the robot, as :func:`under` says: it moves by
-    whole periods, so the ground stays where it is.
+    Whoever steps the model moves the body that carries it, as
+    :func:`~locomotion.arenas.periodic.put_under` does: by whole periods, so the ground stays where it is.
 
     Args:
         heights: of one period (m), shape ``(cells, cells)``, rows along y, at most 0.
@@ -79,16 +77,3 @@ class Terrain(Ground):
         top = maximum_filter(self._heights, size, mode="wrap")
         column, row = np.round((xy + self._period) / self._cell).astype(int).T % len(top)
         return top[row, column]
-
-
-def period_of(model: mujoco.MjModel) -> float | None:
-    """The period (m) of a model's ground; ``None`` if it is not periodic."""
-    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, TERRAIN)
-    return None if number < 0 else float(model.numeric_data[model.numeric_adr[number]])
-
-
-def put_under(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Moves periodic ground under the robot of a ``MjData``; other ground stays where it is."""
-    period = period_of(model)
-    if period is not None:
-        data.mocap_pos[0, :2] = period * np.round(data.qpos[:2] / period)

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import torch
 
-from locomotion.arenas.terrain import period_of
+from locomotion.arenas.periodic import period_of
 from locomotion.physics.backend import Backend
 from locomotion.physics.bounds import Bounds, Limits
 from locomotion.physics.latency import set_delay

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from locomotion.arenas.terrain import put_under
+from locomotion.arenas.periodic import put_under
 from locomotion.options import ConfigError
 from locomotion.rendering.graphics import ADVICE, open_context
 from locomotion.rendering.motion import Motion

@@ -8,7 +8,7 @@ import time
 import mujoco
 import mujoco.viewer
 
-from locomotion.arenas.terrain import put_under
+from locomotion.arenas.periodic import put_under
 from locomotion.evaluation import Walker
 from locomotion.options import ConfigError
 from locomotion.physics import Physics

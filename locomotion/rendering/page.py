@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import viser
 
-from locomotion.arenas.terrain import put_under
+from locomotion.arenas.periodic import put_under
 from locomotion.rendering.motion import Motion
 from locomotion.writing import replacing
 

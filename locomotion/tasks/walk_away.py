@@ -15,7 +15,8 @@ from dm_control.composer.observation import observable
 from dm_env import specs
 
 from locomotion.arenas.ground import Ground
-from locomotion.arenas.terrain import Terrain, put_under
+from locomotion.arenas.periodic import put_under
+from locomotion.arenas.terrain import Terrain
 from locomotion.robots.modular_robot import ModularRobot
 from locomotion.tasks.options import TIMESTEP, EnvConfig, Integrator, Start, delay_for
 from locomotion.tasks.rewards import Distance, Reward

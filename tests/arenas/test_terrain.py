@@ -7,7 +7,7 @@ import torch
 from dm_control import composer
 
 from locomotion import compose
-from locomotion.arenas.terrain import period_of, put_under
+from locomotion.arenas.periodic import period_of, put_under
 from locomotion.options import ConfigError, arenas, chosen
 from locomotion.training.build import make_env
 

@@ -41,6 +41,9 @@ def main() -> None:
     """Measures what the command line asks for, and prints the table."""
     parser = Parser("benchmarks.scaling", DESCRIPTION, "two numbers of robots and of hinges")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the table there")
+    for name, usual in (("robots", ROBOTS), ("hinges", HINGES)):
+        words = f"numbers of {name} (default: {' '.join(map(str, usual))})"
+        parser.add_argument(f"--{name}", nargs="+", type=int, default=usual, help=words)
     arguments = parser.parse_args()
     os.environ.setdefault("MUJOCO_GL", "disabled")
     started, about = time.perf_counter(), {**machine(), "load at the start": load()}
@@ -62,7 +65,9 @@ def main() -> None:
 
 def planned(arguments: argparse.Namespace, folder: Path) -> list[tuple]:
     """Arguments of :func:`~benchmarks.scaling_cells.measure_cell`: robots at one size of body, bodies at one number."""
-    robots, hinges = (ROBOTS[:2], HINGES[:2]) if arguments.quick else (ROBOTS, HINGES)
+    robots, hinges = (
+        (ROBOTS[:2], HINGES[:2]) if arguments.quick else (arguments.robots, arguments.hinges)
+    )
     sizes = [(count, USUAL) for count in robots]
     sizes += [(robots[-1] if arguments.quick else AT, count) for count in hinges]
     bodies = {count: write_body(folder, count) for _, count in sizes}

@@ -45,6 +45,10 @@ def main() -> None:
         words = f"numbers of {name} (default: {' '.join(map(str, usual))})"
         parser.add_argument(f"--{name}", nargs="+", type=int, default=usual, help=words)
     arguments = parser.parse_args()
+    for name, least, most in (("robots", 1, 1_000_000), ("hinges", 4, 100)):
+        for value in getattr(arguments, name):
+            if not least <= value <= most:
+                parser.error(f"--{name} {value} must be at least {least} and at most {most}")
     os.environ.setdefault("MUJOCO_GL", "disabled")
     started, about = time.perf_counter(), {**machine(), "load at the start": load()}
     with tempfile.TemporaryDirectory(prefix="scaling_") as folder:

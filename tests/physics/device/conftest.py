@@ -145,6 +145,8 @@ def elsewhere(monkeypatch):
     monkeypatch.setattr(torch, "inference_mode", torch.no_grad)
     adam = importlib.import_module("torch.optim.adam")  # as an attribute it is hidden
     monkeypatch.setattr(adam, "_device_dtype_check_for_fused", lambda *_, **__: None)
+    generator = torch.Generator
+    monkeypatch.setattr(torch, "Generator", lambda *_: generator("cpu"))
     monkeypatch.setattr(PhysicsConfig, "require", lambda self: None)
     # Where there is a GPU, graphs would want to be captured on it.
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)

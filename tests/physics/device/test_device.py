@@ -118,9 +118,10 @@ def test_a_policy_is_measured_and_filmed_on_the_device(elsewhere, capsys):
     content = read_config(POLICIES / "gecko")
     content["env"]["num_envs"] = 2
     content["physics"]["backend"] = "warp"
+    content["disturbances"] = {"hinge_noise": 0.1, "push": 0.2}
     config = typed_config(content, learning=False)
     config.physics.device = str(device)
-    options = EvaluateConfig(seconds=1.0, noise=0.1, push=0.2, reality_check=False, json=True)
+    options = EvaluateConfig(seconds=1.0, reality_check=False, json=True)
     evaluate(POLICIES / "gecko", config, options)
     assert 0 < json.loads(capsys.readouterr().out)["mean_action"]["speed"]["mean"] < 2
     motion = record_motion(make_walker(POLICIES / "gecko", config), seconds=1.0, fps=10)

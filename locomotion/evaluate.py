@@ -58,7 +58,7 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
         walker.env.close()
         if options.reality_check:
             nominal = measured["mean_action"]["speed"]
-            checked = shares(run, config, options.seconds, nominal, bar.update)
+            checked = list(shares(run, config, options.seconds, nominal, bar.update))
     found = {how: summarise(values) for how, values in measured.items()}
     if options.json:
         data = _as_data(run, config, options, found, checked)

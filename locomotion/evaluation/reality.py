@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -118,7 +118,7 @@ def shares(
     seconds: float,
     nominal: torch.Tensor,
     progress: Callable[[], object] = lambda: None,
-) -> list[Share]:
+) -> Iterator[Share]:
     """Walks under each change of :func:`planned`, one at a time, with the policy's mean action.
 
     The interval is that of a ratio of two means, by the delta method: the relative variances of both
@@ -132,15 +132,13 @@ def shares(
         progress: called after each control step.
     """
     nominal = nominal.nan_to_num(0.0)
-    found = []
     for change, changed, override in planned(config):
         walker = make_walker(run, changed)
         values = measure(walk(walker, seconds, progress=progress))
         walker.env.close()
         speeds, diverged = values["speed"].nan_to_num(0.0), values["diverged"].mean().item()
         share = _ratio(speeds, nominal)
-        found.append(Share(change.what, override, speeds.mean().item(), share, diverged))
-    return found
+        yield Share(change.what, override, speeds.mean().item(), share, diverged)
 
 
 def planned(config: Config) -> list[tuple[Change, Config, str]]:

@@ -43,6 +43,10 @@ ALL = {
 SENSED = ["hinge_position", "hinge_velocity", "core_orientation", "core_angular_velocity"]
 
 
+#: Of draws that no backend has a hand in, which many robots and steps are needed to see.
+once = pytest.mark.parametrize("stepping", [{"backend": "threaded"}], ids=["once"], indirect=True)
+
+
 @pytest.fixture
 def make(stepping):
     """Makes Geckos under the disturbances that are given."""
@@ -218,6 +222,7 @@ def test_play_is_the_play_operator(make):
         )
 
 
+@once
 def test_targets_that_are_lost_leave_those_before(make):
     env = make(64, dropped=0.25)
     sent = followed(env, [0.01 * step for step in range(1, 41)])
@@ -254,6 +259,7 @@ def test_a_hinge_that_is_stuck_stays_and_the_others_move(make):
     assert not none.physics.parameter("dof_frictionloss").any()
 
 
+@once
 def test_pushes_come_as_often_as_they_should_and_are_as_strong(make):
     env = make(64, push=[0.3, 0.5], push_interval=1.0, interval=1000.0)
     seen, changes = env.reset(), []
@@ -297,6 +303,7 @@ def angle_between(one, other):
     return 2 * (one * other).sum(-1).abs().clamp(max=1).double().acos()
 
 
+@once
 def test_noise_and_offsets_are_as_large_as_they_should_be(make):
     scales = {"hinge_noise": 0.05, "speed_noise": 0.3, "orientation_noise": 0.02}
     exact, noisy = walk(make(64), 10)["next"], walk(make(64, **scales), 10)["next"]

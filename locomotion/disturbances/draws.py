@@ -39,7 +39,9 @@ class Draws:
         sizes = dict.fromkeys(DEFAULTS, 1) | dict.fromkeys(_BY_LINK, model.nbody - 1)
         sizes |= dict.fromkeys((*_BY_HINGE, "stuck"), model.nu) | dict.fromkeys(_DIRECTED, 3)
         self._ends = {name: config.ends(name) for name in DEFAULTS if config.active(name)}
-        self._chance = config.chance
+        self._chances = {
+            name: 1.0 if name in config.always else config.chance for name in self._ends
+        }
         self._values = {
             name: torch.zeros(num_envs, sizes[name], dtype=torch.float64, device=device)
             for name in self._ends
@@ -69,9 +71,9 @@ class Draws:
         """
         for name, values in self._values.items():
             drawn = self._drawn(name, values, generator)
-            if self._chance < 1:
+            if self._chances[name] < 1:
                 how = {"generator": generator, "dtype": values.dtype, "device": values.device}
-                acts = torch.rand(len(values), 1, **how) < self._chance
+                acts = torch.rand(len(values), 1, **how) < self._chances[name]
                 drawn = torch.where(acts, drawn, self.nominal(name))
             values.copy_(drawn)
 

@@ -46,6 +46,7 @@ class DisturbancesConfig(Checked):
         above=0,
         most=1,
     )
+    always: list[str] = key("disturbances that act on all robots, whatever the chance", default=[])
     mass: Any = _spread(
         "factor on the mass and inertia of each link, the modules between two hinges",
         1.0,
@@ -128,6 +129,9 @@ class DisturbancesConfig(Checked):
         for field in dataclasses.fields(self):
             if field.type == "Any":
                 self._require_spread(field.name)
+        for name in self.always:
+            if name not in DEFAULTS:
+                self.refuse("always", name, f"names of {', '.join(DEFAULTS)}")
         super().__post_init__()
 
     def _require_spread(self, name: str) -> None:

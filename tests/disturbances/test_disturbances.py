@@ -39,6 +39,7 @@ ALL = {
     "gyro_bias": [0.0, 0.1],
     "interval": 1.0,
     "chance": 0.8,
+    "always": ["latency"],
 }
 SENSED = ["hinge_position", "hinge_velocity", "core_orientation", "core_angular_velocity"]
 
@@ -71,7 +72,7 @@ def walk(env, steps, seen=None):
 
 
 def test_all_of_them_at_once_are_an_environment_as_torchrl_wants_it(make):
-    assert set(ALL) == set(DEFAULTS) | {"interval", "push_interval", "chance"}
+    assert set(ALL) == set(DEFAULTS) | {"interval", "push_interval", "chance", "always"}
     check_env_specs(make(names=readings.names(), **ALL))
 
 
@@ -110,7 +111,8 @@ def test_all_robots_draw_anew_after_each_interval_and_not_between(make):
 
 
 def test_each_acts_on_some_robots_alone(make):
-    env = make(200, mass=[1.5, 2.0], strength=0.5, top_speed=6.0, chance=0.3)
+    acting = {"mass": [1.5, 2.0], "strength": 0.5, "top_speed": 6.0, "friction": 0.5}
+    env = make(200, **acting, chance=0.3, always=["friction"])
     env.reset()
     physics, model = env.physics, env.model
     heavy = (
@@ -118,6 +120,8 @@ def test_each_acts_on_some_robots_alone(make):
     ).double()
     weak = physics.parameter("actuator_forcerange").cpu()[:, 0, 1] < 0.9 * HINGE_TORQUE
     slowed = physics.parameter("dof_damping").cpu()[:, 6] > 0
+    slippery = physics.parameter("pair_friction").cpu()[:, 0, 0] < env.model.pair_friction[0, 0]
+    assert slippery.all()
     acting = torch.stack([heavy.mean(1), weak.double(), slowed.double()])
     assert set(acting.unique().tolist()) == {0.0, 1.0}
     assert ((acting.mean(1) - 0.3).abs() < 0.12).all()
@@ -349,6 +353,7 @@ def test_what_is_sensed_is_not_what_happens(make):
         ({"dropped": 1.5}, "disturbances.dropped=1.5 must be at least 0 and at most 1"),
         ({"latency": 11}, "disturbances.latency=11.0 must be at least 0 and at most 10"),
         ({"top_speed": math.nan}, "disturbances.top_speed=nan must be above 0"),
+        ({"always": ["mas"]}, "disturbances.always=mas must be names of mass, strength"),
         ({"mas": 1}, "disturbances.mas is not a key; did you mean disturbances.mass?"),
     ],
 )

@@ -17,9 +17,10 @@ from locomotion.options import Checked, ConfigError, key, learners
 if TYPE_CHECKING:
     from tensordict import TensorDictBase
     from tensordict.nn import TensorDictModuleBase
-    from torchrl.envs import EnvBase
+    from torchrl.envs import EnvBase, Transform
 
     from locomotion.agents.architectures import Network
+    from locomotion.tasks.options import EnvConfig
 
 #: Most frames of an iteration; with a few hundred bytes each they fill a large machine's memory.
 MOST_FRAMES = 2**27
@@ -61,15 +62,15 @@ class LearnerConfig(Checked):
         "control steps each robot takes in an iteration", default=128, least=1, most=1_000_000
     )
 
-    def check(self, num_envs: int, device: str) -> None:
-        """Looks whether the options fit a number of robots and the device that they are on.
+    def check(self, env: EnvConfig, device: str) -> None:
+        """Looks whether the options fit the robots of a run and the device that they are on.
 
         Raises:
             ConfigError: if they do not.
         """
-        if num_envs * self.steps > MOST_FRAMES:
+        if env.num_envs * self.steps > MOST_FRAMES:
             raise ConfigError(
-                f"env.num_envs={num_envs} x {self.PREFIX}steps={self.steps} must be at most"
+                f"env.num_envs={env.num_envs} x {self.PREFIX}steps={self.steps} must be at most"
                 f" {MOST_FRAMES} frames in an iteration"
             )
 
@@ -79,6 +80,15 @@ class LearnerConfig(Checked):
         Raises:
             ConfigError: if they do not.
         """
+
+    def make_transforms(self, env: EnvBase, network: Network) -> list[Transform]:
+        """Makes the transforms that the environment needs for the policy.
+
+        Args:
+            env: the environment, without transforms.
+            network: the architecture.
+        """
+        return network.make_transforms()
 
     def make(
         self, env: EnvBase, network: Network, in_keys: list[str], critic_keys: list[str]
@@ -150,9 +160,9 @@ class PPOConfig(LearnerConfig):
         "whether a gradient step is one captured CUDA graph; needs cuda:0", default=False
     )
 
-    def check(self, num_envs: int, device: str) -> None:
-        super().check(num_envs, device)
-        frames = num_envs * self.steps
+    def check(self, env: EnvConfig, device: str) -> None:
+        super().check(env, device)
+        frames = env.num_envs * self.steps
         if self.cudagraphs and device != "cuda:0":
             raise ConfigError(
                 f"ppo.cudagraphs=True needs physics.device=cuda:0, not {device};"
@@ -166,7 +176,7 @@ class PPOConfig(LearnerConfig):
         if self.minibatch_size > frames:
             raise ConfigError(
                 f"ppo.minibatch_size={self.minibatch_size} must be at most the {frames} frames of an"
-                f" iteration (env.num_envs={num_envs} x ppo.steps={self.steps})"
+                f" iteration (env.num_envs={env.num_envs} x ppo.steps={self.steps})"
             )
 
     def check_network(self, network: Network) -> None:
@@ -196,3 +206,83 @@ class PPOConfig(LearnerConfig):
             frames=env.batch_size.numel() * self.steps,
             recurrent=network.RECURRENT,
         )
+
+
+@learners.register("cpg")
+@dataclasses.dataclass
+class CPGConfig(LearnerConfig):
+    """Coupled oscillators that sense nothing, tuned by CMA-ES (Hansen 2016): what the field uses."""
+
+    PREFIX = "cpg."
+
+    population: int = key(
+        "how many weights are tried in an iteration, each by as many robots",
+        default=64,
+        least=4,
+        most=1_000_000,
+    )
+    deviation: float = key(
+        "standard deviation of the weights at the start; an oscillator's own begins at 1, a coupling at 0",
+        default=0.5,
+        above=0,
+        most=100,
+    )
+    frequency: float = key(
+        "of a free oscillator whose weight is 1 (Hz)", default=1.0, above=0, most=100
+    )
+    reach: int = key(
+        "hinges are coupled that are at most so many modules apart", default=2, least=0, most=1000
+    )
+
+    def check(self, env: EnvConfig, device: str) -> None:
+        super().check(env, device)
+        if env.num_envs % self.population:
+            raise ConfigError(
+                f"cpg.population={self.population} must divide env.num_envs={env.num_envs}, as all weights"
+                " are tried by as many robots"
+            )
+        whole = round((env.time_limit or 0) * env.control_frequency)
+        if self.steps != whole:
+            raise ConfigError(
+                f"cpg.steps={self.steps} must be the control steps of an episode, {whole} with"
+                f" env.time_limit={env.time_limit} and env.control_frequency={env.control_frequency:g}"
+            )
+        if env.stagger:
+            raise ConfigError(
+                "env.stagger=True must be False with algorithm=cpg, whose robots start together"
+            )
+
+    def make_transforms(self, env: EnvBase, network: Network) -> list[Transform]:
+        import torch
+        from torchrl.data import Unbounded
+
+        from locomotion.agents.networks import Memory
+        from locomotion.agents.oscillators import OSCILLATORS
+
+        neurons = Unbounded((2 * env.action_spec.shape[-1],), dtype=torch.float32, device="cpu")
+        return [Memory({OSCILLATORS: neurons}, expand_specs=True)]
+
+    def make(
+        self, env: EnvBase, network: Network, in_keys: list[str], critic_keys: list[str]
+    ) -> Learner:
+        import torch
+
+        from locomotion.agents.cma_es import CPG
+        from locomotion.agents.oscillators import Oscillators, near_hinges
+
+        task = getattr(env.base_env, "task", None)
+        if task is None:
+            raise ConfigError(
+                "algorithm=cpg needs robots of a LocomotionEnv, whose bodies it knows"
+            )
+        policy = Oscillators(
+            len(task.robot.hinges),
+            near_hinges(task.robot.body, self.reach),
+            task.control_timestep,
+            task.target_limit,
+            self.frequency,
+        )
+        seed = int(torch.randint(2**31, (), device="cpu"))
+        num_envs = env.batch_size.numel()
+        policy = policy.to(env.action_spec.device)
+        return CPG(policy, num_envs, self.population, self.deviation, seed)

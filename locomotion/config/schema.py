@@ -132,7 +132,7 @@ def typed_config(content: Mapping[str, Any], learning: bool = True) -> Config:
     config = typed(Config, content)
     config.learner = typed(schema, options, prefix=f"{algorithm}.")
     if learning:
-        config.learner.check(config.env.num_envs, config.physics.device)
+        config.learner.check(config.env, config.physics.device)
         config.learner.check_network(config.architecture)
     return config
 

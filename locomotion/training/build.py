@@ -45,7 +45,7 @@ def make_env(
             seed=config.seed,
         )
     observing, _, _ = _observing(config, base_env)
-    needed = (network or config.architecture).make_transforms()
+    needed = config.learner.make_transforms(base_env, network or config.architecture)
     return ResumableEnv(base_env, Compose(*observing, *transforms, *needed))
 
 

@@ -164,7 +164,7 @@ def test_a_run_folder_never_has_them_imported(gaits, command, tmp_path):
     }.items():
         result = command(name, argument, cwd=tmp_path, path=tmp_path / "site")
         assert result.returncode == 2
-        assert result.stderr.startswith("error: algorithm=lazy is unknown; choose from ppo")
+        assert result.stderr.startswith("error: algorithm=lazy is unknown; choose from cpg, ppo")
         assert result.stderr.count("\n") == 1
     plotted = command("plot", "run", cwd=tmp_path, path=tmp_path / "site")
     assert plotted.returncode == 0, plotted.stderr

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
         (["arena=moon"], "arena=moon is unknown; choose from ground"),
         (["task=fly"], "task=fly is unknown; choose from turn, walk_along, walk_away"),
         (["network=lstm"], "network=lstm is unknown; choose from gru, mlp"),
-        (["algorithm=best"], "algorithm=best is unknown; choose from ppo"),
+        (["algorithm=best"], "algorithm=best is unknown; choose from cpg, ppo"),
         (["+experiment=mine"], "experiment=mine is unknown; choose from ablation"),
         (["ppo.iteration=3"], "ppo.iteration is not a key; did you mean ppo.iterations?"),
         (["pppo.epochs=3"], "pppo is not a key; did you mean ppo?"),

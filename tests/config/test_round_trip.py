@@ -103,7 +103,7 @@ def test_what_is_recorded_does_not_hang_on_the_order_of_overrides():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"algorithm": None}, "algorithm=None is unknown; choose from ppo"),
+        ({"algorithm": None}, "algorithm=None is unknown; choose from cpg, ppo"),
         ({"ppo": 3}, "ppo=3 must be keys and values"),
         ({"ppo": [1]}, r"ppo=\[1\] must be keys and values"),
         ({"obs": {"hinge_position": 3}}, "obs.hinge_position=3 must be keys and values"),

@@ -27,6 +27,10 @@ HINGES = "hinge_position"
 RUNS = {
     "gru": (["network=gru", "network.layers=2", "network.hidden_size=8"], {}),
     "no time limit": (["env.time_limit=null"], {}),
+    "cpg": (
+        ["algorithm=cpg", "env.num_envs=8", "cpg.population=4", "cpg.steps=20", "cpg.iterations=8"],
+        {},
+    ),
     "late targets": (["disturbances.latency=0.1", "disturbances.mass=[0.8,1.2]"], {}),
     "optimiser": (
         ["ppo.optimizer=sgd", "+ppo.optimizer_options.momentum=0.9", "ppo.max_grad_norm=0.1"],

@@ -11,6 +11,7 @@ from locomotion.options import ConfigError
 _COMMANDS = {
     "train": "learns a gait",
     "evaluate": "measures how a policy walks",
+    "robots": "lists the robots that can be chosen",
     "watch": "shows how a policy walks",
     "export": "takes a policy out of the simulator",
     "plot": "draws learning curves",

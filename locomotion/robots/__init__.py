@@ -14,6 +14,8 @@ from locomotion.robots.body import (
     parse_body,
     refuse_sexagesimal,
 )
+from locomotion.robots.files import as_tree, read_revolve2, save_robot
+from locomotion.robots.random_body import random_body
 
 _ENTITIES = {
     "ActiveHinge": "locomotion.robots.modules",
@@ -30,9 +32,13 @@ __all__ = [
     "ModularRobot",
     "Module",
     "RobotConfig",
+    "as_tree",
     "load_robot",
     "parse_body",
+    "random_body",
+    "read_revolve2",
     "refuse_sexagesimal",
+    "save_robot",
 ]
 
 

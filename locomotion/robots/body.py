@@ -37,21 +37,42 @@ class BodyError(ValueError):
 
 @dataclasses.dataclass
 class RobotConfig(Checked):
-    """A robot: its name, and the tree of its modules."""
+    """A robot: its name, and the tree of its modules, which may be drawn."""
 
     PREFIX = "robot."
 
     name: str = key("name of the robot, in run folders and in the compiled model")
-    body: dict[str, Any] = key("tree of modules: module, rotation (degrees), children by face")
+    body: dict[str, Any] = key(
+        "tree of modules: module, rotation (degrees), children by face; drawn if there is a seed",
+        default={},
+    )
+    seed: int | None = key(
+        "of a body that is drawn at random", default=None, least=0, most=2**31 - 1
+    )
+    max_hinges: int = key("most hinges of a body that is drawn", default=8, least=1, most=100)
+    max_bricks: int = key("most bricks of a body that is drawn", default=8, least=0, most=100)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.seed is not None:
+            self._draw(self.seed)
+        if not self.body:
+            raise ConfigError("robot.body is missing")
         if not self.name or "/" in self.name or not self.name.isprintable():
             self.refuse("name", repr(self.name), "a name of printable characters without '/'")
         try:
             parse_body(self.body)
         except BodyError as error:
             raise ConfigError(f"robot {self.name}: {error}") from error
+
+    def _draw(self, seed: int) -> None:
+        from locomotion.robots.random_body import random_body
+
+        drawn = random_body(seed, self.max_hinges, self.max_bricks)
+        if not self.body:
+            self.name, self.body = f"{self.name}{seed}", drawn
+        elif self.body != drawn:
+            self.refuse("seed", seed, "null for a body that is not drawn; robot=random draws one")
 
 
 def load_robot(robot: str | Path | RobotConfig | Mapping[str, Any]) -> RobotConfig:

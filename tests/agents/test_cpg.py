@@ -86,7 +86,10 @@ def test_a_search_gets_better_and_its_best_weights_walk(tmp_path):
     ("change", "message"),
     [
         ("cpg.population=5", "cpg.population=5 must divide env.num_envs=8"),
-        ("env.control_frequency=20", "cpg.steps=4 must be the control steps of an episode, 20 with"),
+        (
+            "env.control_frequency=20",
+            "cpg.steps=4 must be the control steps of an episode, 20 with",
+        ),
         ("env.time_limit=null", "cpg.steps=4 must be the control steps of an episode, 0 with"),
         ("env.stagger=true", "env.stagger=True must be False with algorithm=cpg"),
         ("cpg.reach=-1", "cpg.reach=-1 must be at least 0"),

@@ -83,9 +83,15 @@ def exported(tmp_path, capsys):
         (["obs=mixed", "env.control_frequency=5"], ["slow_history", "hinge_target_history"]),
         (["obs=moving", "env.target_limit=0.2"], ["forward_history", "core_height_history"]),
         (["network=gru"], ["recurrent_state"]),
-        (["obs=history3_targets", "env.target_limit=0.2"], ["hinge_position_history", "hinge_target_history"]),
+        (
+            ["obs=history3_targets", "env.target_limit=0.2"],
+            ["hinge_position_history", "hinge_target_history"],
+        ),
         (["obs=targets3_gyro"], ["hinge_target_history"]),
-        (["algorithm=cpg", "env.num_envs=64", "env.control_frequency=5", "cpg.steps=100"], ["oscillators"]),
+        (
+            ["algorithm=cpg", "env.num_envs=64", "env.control_frequency=5", "cpg.steps=100"],
+            ["oscillators"],
+        ),
         (
             ["network=gru", "network.layers=2", "obs=mixed", "env.control_frequency=10"],
             ["slow_history", "hinge_target_history", "recurrent_state"],

@@ -39,6 +39,11 @@ class Draws:
         sizes = dict.fromkeys(DEFAULTS, 1) | dict.fromkeys(_BY_LINK, model.nbody - 1)
         sizes |= dict.fromkeys((*_BY_HINGE, "stuck"), model.nu) | dict.fromkeys(_DIRECTED, 3)
         self._ends = {name: config.ends(name) for name in DEFAULTS if config.active(name)}
+        #: See :attr:`Disturbances.drawn`.
+        self.shares: torch.Tensor | None = None
+        if self._ends:
+            where = {"dtype": torch.float32, "device": device}
+            self.shares = torch.zeros(num_envs, len(DEFAULTS), **where)
         self._chances = {
             name: 1.0 if name in config.always else config.chance for name in self._ends
         }
@@ -76,6 +81,25 @@ class Draws:
                 acts = torch.rand(len(values), 1, **how) < self._chances[name]
                 drawn = torch.where(acts, drawn, self.nominal(name))
             values.copy_(drawn)
+        self._share()
+
+    def _share(self) -> None:
+        if self.shares is None:
+            return
+        for column, name in enumerate(DEFAULTS):
+            if name in self._values:
+                self.shares[:, column] = self._scaled(name, self._values[name]).to(self.shares)
+
+    def _scaled(self, name: str, values: torch.Tensor) -> torch.Tensor:
+        """Values from -1 to 1, 0 where nothing changes, shape ``(num_envs,)``."""
+        if name == "top_speed":
+            return (self._ends[name][0] / values).mean(1)  # whose nominal value is infinite
+        if name in _DIRECTED:
+            values = values.norm(dim=1, keepdim=True)
+        if name == "stuck":
+            return values.amax(1)
+        nominal = self.nominal(name)
+        return (values - nominal).mean(1) / max(abs(end - nominal) for end in self._ends[name])
 
     def _drawn(self, name: str, values: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
         low, high = self._ends[name]
@@ -104,3 +128,4 @@ class Draws:
         """Puts back what was drawn."""
         for name, values in self._values.items():
             values.copy_(state[name])
+        self._share()

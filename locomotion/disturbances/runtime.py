@@ -62,6 +62,14 @@ class Disturbances:
             self._commands.hold(self._physics.qpos[:, 7:])
         self._steps = 0
 
+    @property
+    def drawn(self) -> torch.Tensor | None:
+        """How much of each disturbance is at work, in the order of the list, from -1 to 1.
+
+        Shape ``(num_envs, disturbances)``, the mean over links or hinges; ``None`` without disturbances.
+        """
+        return self._draws.shares
+
     def begin(self, targets: torch.Tensor, rows: torch.Tensor | slice) -> torch.Tensor:
         """Begins the episodes of rows.
 

@@ -153,7 +153,7 @@ class LocomotionEnv(EnvBase):
     def _state_of(self, field: Callable[[str], torch.Tensor]) -> RobotState:
         work = self._work if self._task.needs_work else None
         began = (self._episodes.start, work, self._episodes.heading)
-        return RobotState(self._task, self.model, field, *began)
+        return RobotState(self._task, self.model, field, *began, self._disturbances.drawn)
 
     def _set_seed(self, seed: int | None) -> None:
         # On the CPU wherever the robots are, so that they start in the same way.

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from locomotion.disturbances.options import DEFAULTS
 from locomotion.options import readings
 
 if TYPE_CHECKING:
@@ -78,6 +79,13 @@ def _target(state: RobotState) -> torch.Tensor:
     return state.field("ctrl").clamp(-limit, limit)
 
 
+def _drawn(state: RobotState) -> torch.Tensor:
+    if state.drawn is not None:
+        return state.drawn
+    qpos = state.field("qpos")
+    return qpos.new_zeros(len(qpos), len(DEFAULTS))
+
+
 _TABLE = {
     "hinge_position": Reading(
         _hinges, "rad", "angles of the hinges", lambda state: state.field("qpos")[:, 7:]
@@ -138,6 +146,12 @@ _TABLE = {
         "for each module 1 if it touched the ground in the last physics step, else 0",
         _contact,
         sensors=True,
+    ),
+    "disturbances": Reading(
+        lambda task: len(DEFAULTS),
+        "",
+        "how much of each disturbance is at work, from -1 to 1: for a critic, as no robot can sense it",
+        _drawn,
     ),
     "phase_clock": Reading(
         lambda task: 2,

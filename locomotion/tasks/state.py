@@ -30,6 +30,9 @@ class RobotState:
             without regard to sign, shape ``(robots,)``; ``None`` unless something asked for it.
         start_heading: headings at which their episodes began (rad), float64 of shape ``(robots,)``, for
             robots without a compass; ``None`` for robots with one.
+        drawn: how much of each disturbance is at work, in the order of
+            :data:`~locomotion.disturbances.options.DEFAULTS`, from -1 to 1, shape ``(robots,
+            disturbances)``; ``None`` where nothing disturbs.
     """
 
     task: WalkAway
@@ -38,6 +41,7 @@ class RobotState:
     start: torch.Tensor
     work: torch.Tensor | None = None
     start_heading: torch.Tensor | None = None
+    drawn: torch.Tensor | None = None
 
     @property
     def xy(self) -> torch.Tensor:

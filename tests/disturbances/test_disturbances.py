@@ -128,6 +128,26 @@ def test_each_acts_on_some_robots_alone(make):
     assert torch.corrcoef(acting).triu(1).abs().max() < 0.25  # each by itself
 
 
+def test_a_critic_is_told_what_is_at_work(make):
+    env = make(
+        50, names=["disturbances"], mass=[0.5, 1.5], top_speed=[5.0, 10.0], stuck=0.5, push=0.4
+    )
+    told = env.reset()["disturbances"]
+    names = list(DEFAULTS)
+    assert told.shape == (50, len(names))
+    acting = {"mass", "top_speed", "stuck", "push"}
+    assert {name for name, column in zip(names, told.T, strict=True) if column.any()} == acting
+    masses = env.physics.parameter("body_mass")[:, 1:].cpu()
+    factors = masses / torch.as_tensor(env.model.body_mass[1:])
+    mass = told[:, names.index("mass")].cpu()
+    torch.testing.assert_close(mass, (2 * (factors - 1)).mean(1).float())
+    assert told[:, names.index("push")].unique().tolist() == [1.0]
+    assert told[:, names.index("stuck")].unique().tolist() == [0.0, 1.0]
+    fast = told[:, names.index("top_speed")]
+    assert fast.min() >= 0.5 and fast.max() <= 1
+    assert not make(2, names=["disturbances"]).reset()["disturbances"].any()
+
+
 def test_masses_move_as_mujoco_moves_them(make):
     env = make(names=["core_position"], mass=1.4)
     reference = env.model.__copy__()

@@ -7,6 +7,7 @@ the last job of a sweep is found before the first one runs.
 from __future__ import annotations
 
 import argparse
+import shlex
 import signal
 import sys
 from collections.abc import Mapping, Sequence
@@ -15,6 +16,7 @@ from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from locomotion.cli.composing import amended, compose_jobs, normalised, parse, register
@@ -63,14 +65,26 @@ def run_job(config: DictConfig) -> float:
         files = {"hydra": {"hydra": details}, "overrides": details.overrides.task}
         # As it is written: a name may have what would refer to something.
         folder = OmegaConf.to_container(details.runtime, resolve=False)["output_dir"]
-        return _run(typed_config(config), Path(folder), files=files)
+        alone = details.mode is RunMode.RUN
+        return _run(typed_config(config), Path(folder), alone, files=files)
 
 
-def _run(config: Config, folder: Path, **options: Any) -> float:
+def _run(config: Config, folder: Path, alone: bool, **options: Any) -> float:
     result = execute(config, folder, **options)
-    done = f"{result.reward:.4f} m per action in the last ten iterations"
-    print(f"{folder}: {'finished before, skipped' if result.skipped else done}", flush=True)
+    done = "finished before, skipped" if result.skipped else _earned(config, result.reward)
+    print(f"{folder}: {done}", flush=True)
+    if alone and not result.skipped:  # the lines of a sweep's jobs stand below one another
+        run = shlex.quote(f"run={folder}")
+        print(f"python -m locomotion.watch {run} web=true shows the gait", flush=True)
     return result.reward
+
+
+def _earned(config: Config, reward: float) -> str:
+    when = "in the last ten iterations"
+    paid = {name: options.get("weight", 1) for name, options in config.task.rewards.items()}
+    if paid != {"distance": 1}:
+        return f"a reward of {reward:.4f} per action {when}"
+    return f"{reward:.4f} m per action {when}, {config.env.control_frequency * reward:.2f} m/s"
 
 
 def _parse() -> tuple[list[str], dict[str, Any]]:
@@ -128,4 +142,4 @@ def _resume(resumed: Sequence[str], overrides: list[str], flags: Mapping[str, An
     if (asked := config.learner.iterations) < least:
         raise ConfigError(f"{iterations}={asked} must be at least the {least} of the run")
     require_writable(folder)
-    _run(config, folder, resumed=True)
+    _run(config, folder, alone=True, resumed=True)

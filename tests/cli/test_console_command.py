@@ -48,7 +48,10 @@ def test_a_sweep_with_processes_is_trained(script, small, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["fly"], "locomotion fly does nothing; choose from train, evaluate, robots, watch, export, plot"),
+        (
+            ["fly"],
+            "locomotion fly does nothing; choose from train, evaluate, robots, watch, export, plot",
+        ),
         ([], "locomotion without a command does nothing; choose from train, evaluate"),
         (["train", "ppo.epochs=0"], "ppo.epochs=0 must be at least 1"),
         (["evaluate", "seconds=0"], "seconds=0.0 must be above 0"),

@@ -62,7 +62,9 @@ def test_the_same_seed_gives_the_same_run_alone_in_a_sweep_and_on_other_threads(
         assert result.returncode == 0, result.stderr
         told, hint = result.stdout.splitlines()
         assert told.startswith(f"{run}: ")
-        reward, speed = re.search(r": (\S+) m per action in .* iterations, (\S+) m/s$", told).groups()
+        reward, speed = re.search(
+            r": (\S+) m per action in .* iterations, (\S+) m/s$", told
+        ).groups()
         assert float(speed) == pytest.approx(4 * float(reward), abs=0.006)
         assert hint == f"python -m locomotion.watch run={run} web=true shows the gait"
         assert (rows(run) == rows(sweep / "1")) == (seed == 7)

@@ -147,10 +147,8 @@ def test_a_result_that_cannot_be_written_is_an_error(trained):
     assert run(["locomotion.evaluate", *given], trained.parent, "| true").stderr == b""
 
 
-@pytest.mark.parametrize("home", ["é", "no/where", "file/home", None])
+@pytest.mark.parametrize("home", ["no/where", None])
 def test_any_home_will_do(home, trained, tmp_path):
-    (tmp_path / "é").mkdir()
-    (tmp_path / "file").write_text("")
     (tmp_path / "no").symlink_to("/proc/1/nothing")
     elsewhere = ["-u", "XDG_CONFIG_HOME", "-u", "XDG_CACHE_HOME", "-u", "MPLCONFIGDIR"]
     # Without HOME the home is that of the user's account.

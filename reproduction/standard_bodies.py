@@ -5,7 +5,7 @@ mean action: once from the pose that training starts in, and once from any headi
 writes ``standard_bodies.csv``, a row a run, and prints a table in Markdown, a row a body. A CSV file in place of
 a sweep is read, not walked again::
 
-    python -m locomotion.train --multirun 'robot=glob(*)' +obs=history3 +experiment=quick seed=0,1,2 \\
+    python -m locomotion.train --multirun 'robot=glob(*,exclude=random)' +obs=history3 +experiment=quick seed=0,1,2 \\
         physics.threads=1 hydra/launcher=parallel hydra.sweep.dir=sweeps/bodies
 """
 

@@ -26,8 +26,8 @@ from reproduction.rows import gather
 from reproduction.runs import walking_config
 
 GALLERY = Path(__file__).parents[1] / "docs" / "gallery"
-NUM_ENVS, SECONDS, FILM_SECONDS = 32, 20.0, 6.0
-WIDTH, HEIGHT, FPS = 320, 200, 10
+NUM_ENVS, SECONDS, FILM_SECONDS = 32, 10.0, 6.0
+WIDTH, HEIGHT, FPS = 256, 160, 8
 #: Films in a row of the page.
 _COLUMNS = 3
 _INTRODUCTION = (
@@ -44,7 +44,7 @@ class Row:
     Attributes:
         robot: its name.
         hinges: how many it has.
-        speed: over the first 20 s from the pose that training starts in (m/s).
+        speed: over the first 10 s from the pose that training starts in (m/s).
         work: per metre (J/m).
         weakest: the change that takes most of its speed, as an override.
         share: of its speed that it keeps then.

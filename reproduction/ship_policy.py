@@ -7,6 +7,7 @@ configuration, and a checkpoint that holds the policy alone.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import shutil
 from pathlib import Path
 
@@ -30,6 +31,8 @@ def ship(run: Path, place: Path) -> Path:
     from locomotion.training.build import make_env
 
     config = load_config(run)
+    # How many cores trained it is of no matter elsewhere.
+    config = dataclasses.replace(config, physics=dataclasses.replace(config.physics, threads=None))
     env = make_env(config)
     policy = load_policy(run, config, env)
     env.close()

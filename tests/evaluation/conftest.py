@@ -43,7 +43,7 @@ def shipped_run():
     def read(robot, num_envs, disturbances=None, **physics):
         folder = POLICIES / robot
         saved = read_config(folder)
-        saved["env"]["num_envs"] = num_envs
+        saved["env"] |= {"num_envs": num_envs, "time_limit": None, "stagger": False}
         saved["disturbances"] = disturbances or {}
         saved["physics"] |= {"threads": 1, **physics}
         return folder, typed_config(saved, learning=False)

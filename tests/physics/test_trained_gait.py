@@ -16,7 +16,8 @@ def speed():
 
     def speed(**physics):
         content = read_config(POLICIES / "gecko")
-        content["env"]["num_envs"] = 64
+        content["env"] |= {"num_envs": 64, "time_limit": None}
+        content["disturbances"] = {}
         content["physics"].update(physics)
         walker = make_walker(POLICIES / "gecko", typed_config(content, learning=False))
         return measure(walk(walker, 15.0))["speed"].mean().item()

@@ -116,7 +116,7 @@ def test_a_run_and_its_resumption_stay_on_the_device(cudagraphs, tmp_path, place
 def test_a_policy_is_measured_and_filmed_on_the_device(elsewhere, capsys):
     device, _ = elsewhere
     content = read_config(POLICIES / "gecko")
-    content["env"]["num_envs"] = 2
+    content["env"] |= {"num_envs": 2, "time_limit": None}
     content["physics"]["backend"] = "warp"
     content["disturbances"] = {"hinge_noise": 0.1, "push": 0.2}
     config = typed_config(content, learning=False)

@@ -16,6 +16,7 @@ from locomotion.robots.body import (
 )
 from locomotion.robots.files import as_tree, read_revolve2, save_robot
 from locomotion.robots.random_body import random_body
+from locomotion.robots.symmetry import Mirror, mirrors
 
 _ENTITIES = {
     "ActiveHinge": "locomotion.robots.modules",
@@ -29,11 +30,13 @@ __all__ = [
     "BodyError",
     "Brick",
     "Core",
+    "Mirror",
     "ModularRobot",
     "Module",
     "RobotConfig",
     "as_tree",
     "load_robot",
+    "mirrors",
     "parse_body",
     "random_body",
     "read_revolve2",

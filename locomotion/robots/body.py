@@ -149,22 +149,32 @@ def parse_body(tree: Mapping[str, Any]) -> Module:
     return core
 
 
+def placed_modules(core: Module) -> Iterator[tuple[Module, np.ndarray, np.ndarray]]:
+    """Yields every module of a body with all hinges at 0, as ``(module, origin, rotation)``.
+
+    The origin (m, shape ``(3,)``) is where its frame is in the core's, the rotation (shape ``(3, 3)``) has
+    the axes of its frame as columns; quarter turns keep them parallel to the core's.
+    """
+    pending = [(core, np.zeros(3), np.eye(3))]
+    while pending:
+        module, origin, rotation = pending.pop()
+        yield module, origin, rotation
+        faces = GEOMETRY[module.kind].faces
+        for name, child in module.children.items():
+            turned = rotation @ _about_z(faces[name].quarter_turns) @ _about_x(child.quarter_turns)
+            pending.append((child, origin + rotation @ faces[name].position, turned))
+
+
 def placed_boxes(core: Module) -> Iterator[tuple[Module, Box, np.ndarray, np.ndarray]]:
     """Yields every box of a body with all hinges at 0, as ``(module, box, centre, lengths)``.
 
     Centre and lengths (m, shape ``(3,)``) are in the core's frame. Quarter turns keep all boxes
     parallel to its axes.
     """
-    pending = [(core, np.zeros(3), np.eye(3))]
-    while pending:
-        module, origin, rotation = pending.pop()
+    for module, origin, rotation in placed_modules(core):
         geometry = GEOMETRY[module.kind]
         for box in geometry.boxes + geometry.arm_boxes:
             yield module, box, origin + rotation @ box.centre, np.abs(rotation @ box.lengths)
-        for name, child in module.children.items():
-            face = geometry.faces[name]
-            turned = rotation @ _about_z(face.quarter_turns) @ _about_x(child.quarter_turns)
-            pending.append((child, origin + rotation @ face.position, turned))
 
 
 def _parse_module(tree: Any, path: str) -> Module:

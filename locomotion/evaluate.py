@@ -140,7 +140,9 @@ def _shown(interval: Interval, form: str = ".3g") -> str:
     return f"{interval.mean:{form}} [{interval.low:{form}}, {interval.high:{form}}]"
 
 
-COMMAND = Command(EvaluateConfig, evaluate, "Measures how a policy walks.", _EXAMPLES)
+COMMAND = Command(
+    EvaluateConfig, evaluate, "Measures how a policy walks.", _EXAMPLES, usual_envs=64
+)
 
 if __name__ == "__main__":
     COMMAND.main()

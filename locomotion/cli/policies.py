@@ -56,6 +56,7 @@ class Command:
         title: the first line of ``--help``.
         examples: some command lines with their meanings.
         num_envs: how many robots there always are; ``None`` leaves it open.
+        usual_envs: how many robots there are unless ``env.num_envs`` is set; ``None`` takes the number of training.
         check: looks, before torch is loaded, whether this machine can do it.
     """
 
@@ -64,6 +65,7 @@ class Command:
     title: str
     examples: str
     num_envs: int | None = None
+    usual_envs: int | None = None
     check: Callable[[Any], None] | None = None
 
     def main(self) -> None:
@@ -109,6 +111,8 @@ class Command:
         saved = read_config(folder)
         if not all(isinstance(saved.get(part), dict) for part in ("env", "physics")):
             raise RunError(f"{folder} holds no run of this project")
+        if self.usual_envs is not None:
+            saved["env"]["num_envs"] = self.usual_envs
         saved["env"].update(self._fixed)
         saved.pop("disturbances", None)  # a policy is measured without those of its training
         config = amended(saved, task, learning=False)

@@ -9,6 +9,7 @@ import torch
 
 from locomotion import compose
 from locomotion.evaluation import Walker, make_walker, measure, summarise, walk
+from locomotion.evaluation.shipped import shipped
 from locomotion.runs.checkpoints import Checkpoints
 from locomotion.training.build import make_env, make_learner
 
@@ -121,6 +122,13 @@ def test_noisy_hinges_do_not_matter_to_a_policy_that_senses_none(tmp_path):
     Checkpoints(tmp_path, policy=make_learner(plain, make_env(plain)).policy).save(1)
     walks = [walk(make_walker(tmp_path, config), 1.0) for config in (plain, noisy)]
     assert torch.equal(walks[0].position, walks[1].position)
+
+
+@pytest.mark.parametrize("robot", shipped())
+def test_every_policy_that_ships_sets_off(robot, shipped_run):
+    found = measure(walk(make_walker(*shipped_run(robot, 4)), 8.0))
+    assert found["speed"].mean() > 0.2
+    assert not found["diverged"].any()
 
 
 @pytest.mark.parametrize("robot", ["gecko", "ant"])

@@ -98,9 +98,7 @@ def test_a_film_without_opengl_is_refused_before_anything_is_computed(run, tmp_p
 
 
 @on_linux
-@pytest.mark.parametrize(
-    "variables", [{}, {"WAYLAND_DISPLAY": "gone"}], ids=str
-)
+@pytest.mark.parametrize("variables", [{}, {"WAYLAND_DISPLAY": "gone"}], ids=str)
 def test_the_viewer_needs_a_screen_that_is_there(variables, run, tmp_path):
     result = run("watch", "live=true", cwd=tmp_path, **variables)
     assert result.returncode == 2

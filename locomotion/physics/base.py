@@ -220,12 +220,14 @@ class Physics(Backend):
         given.copy_(control if where is None else torch.where(where[:, None], control, given))
         wrong = given.isfinite().all(1).logical_not_()
         at_once = self.MOST_STEPS if watch is None else 1
-        moving, before, any_wrong = where, start, False
+        moving, before, since, counted, any_wrong = where, start, start, 0, False
         for done in range(0, num_steps, at_once):
             steps = min(at_once, num_steps - done)
             self._advance(steps, moving)
-            wrong |= self._bounds.beyond(before, self.motion, steps)
-            last = done + steps == num_steps
+            last, counted = done + steps == num_steps, counted + steps
+            # Limits count where they would without anybody who watches.
+            ends = last or counted == self.MOST_STEPS
+            wrong |= self._bounds.beyond(since, self.motion, counted, passing=not ends)
             if last or watch is not None:
                 if where is not None:
                     wrong &= where
@@ -238,6 +240,7 @@ class Physics(Backend):
                 watch(self)
             if not last:
                 before = self.motion.clone()
+                since, counted = (before, 0) if ends else (since, counted)
         self.previous = start
         return wrong if any_wrong else None
 

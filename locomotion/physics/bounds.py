@@ -41,30 +41,34 @@ class Bounds:
         # A state is compared with where it should be: time and place are known, the rest is around 0.
         self._known = torch.zeros(columns, dtype=torch.float64, device=device)
         self._known[:3] = 1.0
-        self._by_steps: dict[int, tuple[torch.Tensor, torch.Tensor]] = {}
+        self._made: dict[tuple[int, bool], tuple[torch.Tensor, torch.Tensor]] = {}
 
-    def beyond(self, start: torch.Tensor, end: torch.Tensor, steps: int) -> torch.Tensor:
+    def beyond(
+        self, start: torch.Tensor, end: torch.Tensor, steps: int, passing: bool = False
+    ) -> torch.Tensor:
         """Finds states that are not finite, or beyond the bounds.
 
         Args:
             start: times, positions and velocities before the steps, shape ``(num_envs, columns)``.
             end: those after them.
             steps: how many there were.
+            passing: whether more steps follow, so that the limits of height and mean speed do not count yet.
 
         Returns:
             Shape ``(num_envs,)``.
         """
-        if steps not in self._by_steps:
-            self._by_steps[steps] = self._make(steps)
-        ahead, bound = self._by_steps[steps]
+        if (steps, passing) not in self._made:
+            self._made[steps, passing] = self._make(steps, passing)
+        ahead, bound = self._made[steps, passing]
         off = torch.addcmul(ahead, start, self._known).sub_(end).abs_()
         return (off <= bound).all(1).logical_not_()  # in this form, so that nan is beyond
 
-    def _make(self, steps: int) -> tuple[torch.Tensor, torch.Tensor]:
+    def _make(self, steps: int, passing: bool) -> tuple[torch.Tensor, torch.Tensor]:
         bound = torch.full_like(self._known, MOST_STATE)
         bound[0] = self._timestep / 2
-        bound[1:3] = self._limits.speed * steps * self._timestep
-        bound[3] = self._limits.height
+        if not passing:
+            bound[1:3] = self._limits.speed * steps * self._timestep
+            bound[3] = self._limits.height
         ahead = torch.zeros_like(self._known)
         ahead[0] = steps * self._timestep
         return ahead, bound

@@ -19,12 +19,13 @@ from pathlib import Path
 from tqdm import tqdm
 
 from locomotion.cli.refusal import refusing
+from locomotion.disturbances.options import DEFAULTS
 from locomotion.options import ConfigError
 from locomotion.quiet import quiet
 from locomotion.writing import replacing
 from reproduction.claims import table
 from reproduction.rows import gather
-from reproduction.runs import walking_config
+from reproduction.runs import load_config, walking_config
 
 GALLERY = Path(__file__).parents[1] / "docs" / "gallery"
 NUM_ENVS, SECONDS, FILM_SECONDS = 32, 10.0, 6.0
@@ -32,7 +33,7 @@ WIDTH, HEIGHT, FPS = 256, 160, 8
 #: Films in a row of the page.
 _COLUMNS = 3
 _INTRODUCTION = (
-    f"One setting for all, one seed each. Speed is over the first {SECONDS:g} s, of {NUM_ENVS} robots with the"
+    f"One seed each, `physics.self_collision=true`. Speed is over the first {SECONDS:g} s, of {NUM_ENVS} robots with the"
     " policy's mean action; work is that of all hinges, either way."
 )
 
@@ -49,6 +50,7 @@ class Row:
         weakest: the change that takes most of its speed, as an override; empty if it was not checked.
         share: of its speed that it keeps then; nan likewise.
         film: file name of the film; empty where none could be drawn.
+        disturbed: 1 if it was trained under disturbances, else 0.
     """
 
     robot: str
@@ -58,6 +60,7 @@ class Row:
     weakest: str
     share: float
     film: str
+    disturbed: int
 
 
 def evaluate(run: Path, folder: Path, check: bool, progress: Callable[[], object]) -> Row:
@@ -78,6 +81,7 @@ def evaluate(run: Path, folder: Path, check: bool, progress: Callable[[], object
         work=values["work_per_metre"].nanmean().item(),
         weakest=weakest.override if weakest else "",
         share=weakest.share.mean if weakest else math.nan,
+        disturbed=int(any(map(load_config(run).disturbances.active, DEFAULTS))),
         film=_film(run, folder / f"{config.robot.name}.webp"),
     )
 
@@ -118,11 +122,12 @@ def page(rows: Sequence[Row]) -> str:
     lines += ["</table>", ""]
     # Weakest is the row of the reality check that takes most of the speed.
     checked = any(row.weakest for row in rows)
-    head = ["robot", "hinges", "speed (m/s)", "work (J/m)"]
+    head = ["robot", "hinges", "trained under disturbances", "speed (m/s)", "work (J/m)"]
     head += ["weakest under", "keeps"] if checked else []
     body = [
         [
-            *(row.robot, str(row.hinges), f"{row.speed:.2f}", f"{row.work:.1f}"),
+            *(row.robot, str(row.hinges), "yes" if row.disturbed else ""),
+            *(f"{row.speed:.2f}", f"{row.work:.1f}"),
             *((f"`{row.weakest}`", f"{row.share:.0%}") if checked else ()),
         ]
         for row in ordered

@@ -129,7 +129,7 @@ def test_they_train_resume_and_walk(how, gaits, command, tmp_path):
     run("train", "resume=run", "lazy.iterations=3")
     assert (tmp_path / "run" / "metrics.csv").read_text().splitlines()[:3] == lines
     found = json.loads(run("evaluate", "run=run", "seconds=1", "json=true"))
-    assert found["robots"] == 3
+    assert found["robots"] == 64
     shown = run("train", "--help")
     for words in (
         "core_speed ",

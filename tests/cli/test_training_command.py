@@ -91,7 +91,7 @@ def test_observations_of_ones_own_are_yaml_alone(command, small, stick, write, t
     assert len(rows(tmp_path / "run")) == 2
     shown = command("evaluate", "run=run", "seconds=1", "json=true", cwd=tmp_path)
     assert shown.returncode == 0, shown.stderr
-    assert json.loads(shown.stdout)["robots"] == 3
+    assert json.loads(shown.stdout)["robots"] == 64
 
 
 def test_a_resumed_run_may_be_longer(command, small, stick, write, tmp_path):

@@ -89,7 +89,7 @@ def overrides(draw):
 
 
 # Without shrinking: composing takes a tenth of a second, and a few overrides are read at once.
-@settings(max_examples=15, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
+@settings(max_examples=10, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
 @given(overrides())
 def test_any_configuration_is_recorded(lines):
     assert_round_trip(compose(*lines))

@@ -82,6 +82,7 @@ def test_none_of_them_changes_nothing(make):
     assert (walk(make(), 4) == walk(make(**spelled, top_speed=None), 4)).all()
 
 
+@once
 def test_the_same_seed_draws_the_same_and_a_state_has_all_that_comes_next(make):
     first, again, other = make(**ALL), make(**ALL), make(seed=1, **ALL)
     walked = walk(first, 7)

@@ -22,7 +22,7 @@ from locomotion.robots import (
 BODIES = json.loads(Path(__file__).with_name("revolve2_v1.json").read_text(encoding="utf-8"))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**31 - 1), st.integers(1, 12), st.integers(0, 12))
 def test_a_drawn_body_can_be_built_and_keeps_its_limits(seed, max_hinges, max_bricks):
     tree = random_body(seed, max_hinges, max_bricks)

@@ -22,7 +22,7 @@ import torch
 from torchrl.envs import EnvBase, UnaryTransform
 
 from locomotion import compose, train
-from locomotion.agents.learners import Learner
+from locomotion.agents.base import Learner
 from locomotion.cli.refusal import refusing
 from locomotion.config import Config
 from locomotion.options import ConfigError

@@ -9,99 +9,16 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from locomotion.options import Checked, ConfigError, key, learners
+from locomotion.agents.base import Learner, LearnerConfig
+from locomotion.options import ConfigError, key, learners
 
 if TYPE_CHECKING:
-    from tensordict import TensorDictBase
-    from tensordict.nn import TensorDictModuleBase
     from torchrl.envs import EnvBase, Transform
 
     from locomotion.agents.architectures import Network
     from locomotion.tasks.options import EnvConfig
-
-#: Most frames of an iteration; with a few hundred bytes each they fill a large machine's memory.
-MOST_FRAMES = 2**27
-
-
-class Learner(Protocol):
-    """The training loop's view of a learner."""
-
-    #: The policy that collects experience, and that a run is about.
-    policy: TensorDictModuleBase
-
-    def update(self, batch: TensorDictBase) -> Mapping[str, float]:
-        """Learns from a batch of shape ``(num_envs, steps)``; returns metrics.
-
-        ``mean_value`` among them has a column of its own in ``metrics.csv``.
-
-        Raises:
-            FloatingPointError: if what is learned is no longer a finite number.
-        """
-        ...
-
-    def state_dict(self) -> dict[str, Any]:
-        """All that it knows, apart from the policy."""
-        ...
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> None:
-        """Resumes from a state."""
-        ...
-
-
-@dataclasses.dataclass
-class LearnerConfig(Checked):
-    """Base class of learners' options: how much is collected, and for how long."""
-
-    iterations: int = key(
-        "rounds of collecting and learning", default=200, least=1, most=1_000_000_000
-    )
-    steps: int = key(
-        "control steps each robot takes in an iteration", default=128, least=1, most=1_000_000
-    )
-
-    def check(self, env: EnvConfig, device: str) -> None:
-        """Looks whether the options fit the robots of a run and the device that they are on.
-
-        Raises:
-            ConfigError: if they do not.
-        """
-        if env.num_envs * self.steps > MOST_FRAMES:
-            raise ConfigError(
-                f"env.num_envs={env.num_envs} x {self.PREFIX}steps={self.steps} must be at most"
-                f" {MOST_FRAMES} frames in an iteration"
-            )
-
-    def check_network(self, network: Network) -> None:
-        """Looks whether the options fit an architecture.
-
-        Raises:
-            ConfigError: if they do not.
-        """
-
-    def make_transforms(self, env: EnvBase, network: Network) -> list[Transform]:
-        """Makes the transforms that the environment needs for the policy.
-
-        Args:
-            env: the environment, without transforms.
-            network: the architecture.
-        """
-        return network.make_transforms()
-
-    def make(
-        self, env: EnvBase, network: Network, in_keys: list[str], critic_keys: list[str]
-    ) -> Learner:
-        """Makes the learner.
-
-        Args:
-            env: the environment, for its specs.
-            network: the architecture.
-            in_keys: the entries that the policy sees.
-            critic_keys: the entries that a critic sees, those of the policy among them.
-        """
-        raise NotImplementedError
 
 
 class Optimizer(enum.Enum):
@@ -156,6 +73,11 @@ class PPOConfig(LearnerConfig):
     entropy_coeff: float = key(
         "weight of the policy's entropy, averaged over the hinges", default=0.01, least=0, most=100
     )
+    symmetry: bool = key(
+        "whether mirror images stand in for half of the frames that are learned from, or more of them where a"
+        " body has several mirrors",
+        default=False,
+    )
     cudagraphs: bool = key(
         "whether a gradient step is one captured CUDA graph; needs cuda:0", default=False
     )
@@ -180,6 +102,11 @@ class PPOConfig(LearnerConfig):
             )
 
     def check_network(self, network: Network) -> None:
+        if self.symmetry and network.RECURRENT:
+            raise ConfigError(
+                "ppo.symmetry=True needs a network without a memory, such as network=mlp: a memory has no"
+                " mirror image that is known"
+            )
         if self.cudagraphs and network.RECURRENT:
             raise ConfigError(
                 "ppo.cudagraphs=True needs a network without a memory, such as network=mlp: where"
@@ -189,7 +116,9 @@ class PPOConfig(LearnerConfig):
     def make(
         self, env: EnvBase, network: Network, in_keys: list[str], critic_keys: list[str]
     ) -> Learner:
+        from locomotion.agents.mirroring import mirror_images
         from locomotion.agents.ppo import PPO
+        from locomotion.transforms import RandomMirror
 
         def sizes(keys: list[str]) -> dict[str, int]:
             return {name: env.observation_spec[name].shape[-1] for name in keys}
@@ -198,6 +127,7 @@ class PPOConfig(LearnerConfig):
         actor = network.make_actor(sizes(in_keys), env.action_spec)
         critic = network.make_critic(sizes(critic_keys))
         device = env.action_spec.device
+        images = mirror_images(env, [*in_keys, *critic_keys]) if self.symmetry else []
         return PPO(
             actor.to(device),
             critic.to(device),
@@ -205,6 +135,7 @@ class PPOConfig(LearnerConfig):
             num_actions=env.action_spec.shape[-1],
             frames=env.batch_size.numel() * self.steps,
             recurrent=network.RECURRENT,
+            transform=RandomMirror(images) if images else None,
         )
 
 

@@ -13,6 +13,7 @@ from torch.distributions import Distribution
 from torch.nn.utils import clip_grad_norm_
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.data.replay_buffers.samplers import SamplerWithoutReplacement
+from torchrl.envs import Transform
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
@@ -45,6 +46,7 @@ class PPO:
         num_actions: length of an action.
         frames: frames in a batch.
         recurrent: whether the actor keeps a memory from step to step.
+        transform: of each minibatch, such as :class:`~locomotion.transforms.RandomMirror`.
 
     Attributes:
         policy: the actor.
@@ -59,6 +61,7 @@ class PPO:
         num_actions: int,
         frames: int,
         recurrent: bool = False,
+        transform: Transform | None = None,
     ) -> None:
         self.policy = actor
         self.critic = critic
@@ -96,6 +99,7 @@ class PPO:
             storage=LazyTensorStorage(rows, device=self._device),
             sampler=SamplerWithoutReplacement(),
             batch_size=size,
+            transform=transform,
         )
         self._begin_at(0)
 

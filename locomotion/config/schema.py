@@ -14,7 +14,7 @@ from typing import Any
 from omegaconf import MISSING, OmegaConf
 
 from locomotion.agents.architectures import Network
-from locomotion.agents.learners import LearnerConfig
+from locomotion.agents.base import LearnerConfig
 from locomotion.config.logger import LoggerConfig
 from locomotion.disturbances import DisturbancesConfig
 from locomotion.envs.observations import ObsTerm, check_terms, typed_terms

@@ -12,12 +12,15 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from locomotion.disturbances.options import DEFAULTS
 from locomotion.options import readings
 
 if TYPE_CHECKING:
     import torch
 
+    from locomotion.robots.symmetry import Mirror
     from locomotion.tasks.state import RobotState
     from locomotion.tasks.walk_away import WalkAway
 
@@ -35,6 +38,8 @@ class Reading:
         quaternion: whether they are a unit quaternion w x y z, so that other representations of an
             orientation can be asked for.
         sensors: whether the model's sensors are read, which are left out of it otherwise.
+        mirror: the matrix that maps the numbers of a robot to those of its mirror image, shape ``(size,
+            size)``; ``None`` if none does, so that ``ppo.symmetry`` refuses it.
     """
 
     size: Callable[[WalkAway], int]
@@ -44,6 +49,7 @@ class Reading:
     dtype: str = "float32"
     quaternion: bool = False
     sensors: bool = False
+    mirror: Callable[[Mirror], np.ndarray] | None = None
 
 
 #: Within this distance of the start (m) its direction fades out, as it would turn at every step.
@@ -52,6 +58,14 @@ _NEAR = 0.3
 
 def _hinges(task: WalkAway) -> int:
     return len(task.robot.hinges)
+
+
+def _hinges_mirrored(mirror: Mirror) -> np.ndarray:
+    return mirror.hinge_matrix
+
+
+def _vector_mirrored(mirror: Mirror) -> np.ndarray:
+    return mirror.reflection
 
 
 def _phase(state: RobotState) -> torch.Tensor:
@@ -88,19 +102,32 @@ def _drawn(state: RobotState) -> torch.Tensor:
 
 _TABLE = {
     "hinge_position": Reading(
-        _hinges, "rad", "angles of the hinges", lambda state: state.field("qpos")[:, 7:]
+        _hinges,
+        "rad",
+        "angles of the hinges",
+        lambda state: state.field("qpos")[:, 7:],
+        mirror=_hinges_mirrored,
     ),
     "hinge_velocity": Reading(
-        _hinges, "rad/s", "speeds of the hinges", lambda state: state.field("qvel")[:, 6:]
+        _hinges,
+        "rad/s",
+        "speeds of the hinges",
+        lambda state: state.field("qvel")[:, 6:],
+        mirror=_hinges_mirrored,
     ),
     "hinge_torque": Reading(
         _hinges,
         "N·m",
         "torques of the servos in the last physics step",
         lambda state: state.field("actuator_force"),
+        mirror=_hinges_mirrored,
     ),
     "hinge_target": Reading(
-        _hinges, "rad", "the targets that the hinges were last given, as clipped", _target
+        _hinges,
+        "rad",
+        "the targets that the hinges were last given, as clipped",
+        _target,
+        mirror=_hinges_mirrored,
     ),
     "core_orientation": Reading(
         lambda task: 4,
@@ -108,24 +135,28 @@ _TABLE = {
         "orientation of the core, a unit quaternion w x y z, core to world (see env.compass)",
         lambda state: state.sensed_orientation,
         quaternion=True,
+        mirror=lambda mirror: mirror.quaternion_matrix,
     ),
     "core_angular_velocity": Reading(
         lambda task: 3,
         "rad/s",
         "angular velocity of the core in its own frame",
         lambda state: state.field("qvel")[:, 3:6],  # MuJoCo's free joints have it so
+        mirror=lambda mirror: mirror.axial_matrix,
     ),
     "core_linear_velocity": Reading(
         lambda task: 3,
         "m/s",
         "velocity of the core in its own frame",
         lambda state: state.in_core_frame(state.field("qvel")[:, :3]),
+        mirror=_vector_mirrored,
     ),
     "core_height": Reading(
         lambda task: 1,
         "m",
         "height of the core's centre in the world",
         lambda state: state.field("qpos")[:, 2:3],
+        mirror=lambda mirror: np.eye(1),
     ),
     "core_position": Reading(
         lambda task: 3,
@@ -133,12 +164,14 @@ _TABLE = {
         "place of the core in the world; robots walk kilometres",
         lambda state: state.field("qpos")[:, :3],
         dtype="float64",
+        mirror=_vector_mirrored,
     ),
     "course": Reading(
         lambda task: 3,
         "",
         "direction from the start to the core in the core's frame; shorter than 1 within 0.3 m of it",
         _course,
+        mirror=_vector_mirrored,
     ),
     "ground_contact": Reading(
         lambda task: len(task.robot.modules),
@@ -146,18 +179,21 @@ _TABLE = {
         "for each module 1 if it touched the ground in the last physics step, else 0",
         _contact,
         sensors=True,
+        mirror=lambda mirror: mirror.module_matrix,
     ),
     "disturbances": Reading(
         lambda task: len(DEFAULTS),
         "",
         "how much of each disturbance is at work, from -1 to 1: for a critic, as no robot can sense it",
         _drawn,
+        mirror=lambda mirror: np.eye(len(DEFAULTS)),
     ),
     "phase_clock": Reading(
         lambda task: 2,
         "",
         "cosine and sine of a clock that starts with the episode (env.clock_frequency)",
         _phase,
+        mirror=lambda mirror: np.eye(2),
     ),
 }
 

@@ -10,7 +10,7 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase, TransformedEnv
 
 from locomotion.agents.architectures import Network
-from locomotion.agents.learners import Learner
+from locomotion.agents.base import Learner
 from locomotion.config import Config
 from locomotion.runs import RunError
 from locomotion.runs.checkpoints import Checkpoints, path_of

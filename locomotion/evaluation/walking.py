@@ -12,7 +12,7 @@ from tensordict import TensorDictBase
 from torchrl.envs import EnvBase, ExplorationType, Transform, set_exploration_type
 
 from locomotion.agents.architectures import Network
-from locomotion.agents.learners import Learner
+from locomotion.agents.base import Learner
 from locomotion.config import Config
 from locomotion.evaluation.policy import load_policy, require_parts
 from locomotion.physics import Physics

@@ -15,7 +15,7 @@ from tensordict import TensorDictBase
 from torchrl.checkpoint import GlobalRNGState
 from tqdm import tqdm
 
-from locomotion.agents.learners import Learner
+from locomotion.agents.base import Learner
 from locomotion.config import Config
 from locomotion.options.paths import quoted
 from locomotion.runs.checkpoints import Checkpoints, saved

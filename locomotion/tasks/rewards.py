@@ -31,6 +31,8 @@ class Reward(Checked):
     """
 
     NEEDS_WORK = False
+    #: Whether a robot's mirror image is paid the same, which ``ppo.symmetry`` asks for.
+    MIRRORED = False
 
     weight: float = key("factor on this reward", default=1.0)
 
@@ -51,6 +53,8 @@ class Reward(Checked):
 @dataclasses.dataclass
 class Distance(Reward):
     """Distance from the start gained (m): the report's reward."""
+
+    MIRRORED = True
 
     def __call__(self, before: RobotState, after: RobotState) -> torch.Tensor:
         return (after.xy - after.start).norm(dim=-1) - (before.xy - before.start).norm(dim=-1)
@@ -89,6 +93,7 @@ class Work(Reward):
     """Work done by the hinges (J), either way; with a negative weight a price for effort."""
 
     NEEDS_WORK = True
+    MIRRORED = True
 
     weight: float = key("factor on this reward", default=-0.01)
 

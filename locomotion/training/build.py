@@ -8,7 +8,7 @@ from torchrl.collectors import Collector
 from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 
 from locomotion.agents.architectures import Network
-from locomotion.agents.learners import Learner
+from locomotion.agents.base import Learner
 from locomotion.config import Config
 from locomotion.envs import LocomotionEnv, ResumableEnv, make_task
 from locomotion.envs.observations import ObsTerm, make_transforms

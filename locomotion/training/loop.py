@@ -12,7 +12,7 @@ import torch
 from torchrl.envs import EnvBase, Transform
 
 from locomotion.agents.architectures import Network
-from locomotion.agents.learners import Learner
+from locomotion.agents.base import Learner
 from locomotion.config import Config
 from locomotion.runs.interruption import WishToStop
 from locomotion.runs.recorder import Recorder

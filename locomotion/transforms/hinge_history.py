@@ -6,11 +6,12 @@ import operator
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from tensordict import TensorDictBase
 from tensordict.utils import NestedKey, unravel_key
 from torchrl.data import TensorSpec, Unbounded
-from torchrl.envs import EnvBase, Transform, TransformedEnv
+from torchrl.envs import EnvBase, TransformedEnv
 
 from locomotion.transforms.keys import EntryTransform, as_keys, entry, pairs_of_keys, vector
 
@@ -81,10 +82,9 @@ class HingeHistory(EntryTransform):
         self._memory: dict[int, torch.Tensor] = {}
         self._remember_of(None)
 
-    def set_container(self, container: Transform | EnvBase) -> None:
-        super().set_container(container)
-        env = self.parent
-        self.empty_cache()
+    def look(self, parent: TransformedEnv | None) -> None:
+        super().look(parent)
+        env = parent
         while isinstance(env, TransformedEnv):
             env = env.base_env
         if env is not None and env is not self._env:
@@ -185,6 +185,10 @@ class HingeHistory(EntryTransform):
         if following is not None:
             older = history[..., : (self.steps - 1) * value.shape[-1]]
             tensordict.set(unravel_key(("next", out_key)), torch.cat([following, older], -1))
+
+    def mirror_matrix(self, matrix: np.ndarray) -> np.ndarray:
+        """The matrix that maps a history to that of a mirror image, from the one that maps a value."""
+        return np.kron(np.eye(self.steps), matrix)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         for in_key, out_key in zip(self.in_keys, self.out_keys):

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextvars import ContextVar
 from typing import Any
 
 from tensordict import is_tensor_collection
 from tensordict.utils import NestedKey, unravel_key
 from torchrl.data import Composite, TensorSpec
-from torchrl.envs import EnvBase, ObservationTransform, Transform
+from torchrl.envs import EnvBase, ObservationTransform, Transform, TransformedEnv
+
+#: Whether a transform looks at its entries. TorchRL then makes the environment before it anew, with copies of
+#: all earlier transforms; if these looked too, time would double with each transform.
+_looking: ContextVar[bool] = ContextVar("looking", default=False)
 
 
 class EntryTransform(ObservationTransform):
@@ -22,16 +27,28 @@ class EntryTransform(ObservationTransform):
             ValueError: if one is of the wrong kind.
         """
         super().set_container(container)
-        parent = self.parent
-        if parent is None:  # a chain that is in no environment yet
+        if _looking.get():
+            return
+        token = _looking.set(True)
+        try:
+            self.look(self.parent)
+        finally:
+            self.empty_cache()
+            _looking.reset(token)
+
+    def look(self, parent: TransformedEnv | None) -> None:
+        """Looks at the environment that it was added to, without it and what follows.
+
+        Args:
+            parent: ``None`` for a chain that is in no environment yet.
+        """
+        if parent is None:
             return
         try:
             spec = parent.observation_spec
         except RuntimeError:
             # One before it has no statistics yet, as a lazy ObservationNorm; later, specs are asked for.
             return
-        finally:
-            self.empty_cache()
         self.transform_observation_spec(spec.clone())
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
 import torch
 from tensordict.utils import NestedKey
 from torchrl.data import TensorSpec, Unbounded
@@ -64,6 +65,7 @@ class IncludeOrientation(EntryTransform):
         super().__init__(in_keys=in_keys, out_keys=out_keys)
         self.representation = representation
         self.part = part
+        self.representation = representation
         self._convert, self._size = _REPRESENTATIONS[representation]
 
     def _apply_transform(self, obs: torch.Tensor) -> torch.Tensor:
@@ -78,6 +80,29 @@ class IncludeOrientation(EntryTransform):
 
     def _reset(self, tensordict, tensordict_reset):
         return self._call(tensordict_reset)
+
+    def mirror_matrix(self, matrix: np.ndarray) -> np.ndarray | None:
+        """The matrix that maps what is written to that of a mirror image.
+
+        Args:
+            matrix: maps the quaternion, shape ``(4, 4)``.
+
+        Returns:
+            The matrix; ``None`` where none does so: a yaw in a mirror of the x and y axes is another angle for
+            a body that leans.
+        """
+        reflection = -matrix[
+            1:, 1:
+        ]  # quaternions hold an axis of rotation, which a mirror also turns round
+        if self.part is not None:
+            return None
+        if self.representation == "quaternion":
+            return matrix
+        if self.representation == "gravity":
+            return reflection
+        if self.representation == "rotation_6d":
+            return np.kron(reflection[:2, :2].T, reflection)
+        return -np.eye(1) if reflection[0, 1] == 0 else None
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         for in_key, out_key in zip(self.in_keys, self.out_keys):

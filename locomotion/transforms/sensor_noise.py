@@ -6,6 +6,7 @@ import math
 import numbers
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from tensordict import TensorDictBase
 from tensordict.utils import NestedKey
@@ -49,6 +50,10 @@ class SensorNoise(EntryTransform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         return self._call(tensordict_reset)
+
+    def mirror_matrix(self, matrix: np.ndarray) -> np.ndarray:
+        """The matrix that maps a noisy value to that of a mirror image; noise has no side."""
+        return matrix
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         for key in self.in_keys:  # noise leaves any bounds

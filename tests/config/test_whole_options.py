@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from locomotion import compose
 from locomotion.agents.architectures import Network
-from locomotion.agents.learners import LearnerConfig
+from locomotion.agents.base import LearnerConfig
 from locomotion.config import all_keys, as_dict, free_keys
 from locomotion.options import ConfigError, choices, key, learners, networks
 from locomotion.runs import differences, record

@@ -359,3 +359,10 @@ def test_entries_are_looked_at_later_after_a_transform_that_has_no_statistics_ye
 def test_the_examples_run(module):
     result = doctest.testmod(module)
     assert result.attempted and not result.failed
+
+
+def test_many_histories_take_no_longer_than_they_must(counting_env):
+    env = TransformedEnv(counting_env([3, 3]), Compose())
+    for index in range(40):  # at twice the time for each one more, these would take years
+        env.append_transform(HingeHistory(2, ["angle"], [f"history_{index}"]))
+    assert env.reset()["history_39"].shape == (2, 4)

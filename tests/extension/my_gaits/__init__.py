@@ -6,7 +6,7 @@ The snippets of CONTRIBUTING.md are taken from here.
 import dataclasses
 
 from locomotion.agents.architectures import Network
-from locomotion.agents.learners import LearnerConfig
+from locomotion.agents.base import LearnerConfig
 from locomotion.envs.readings import Reading
 from locomotion.options import Checked, arenas, key, learners, networks, readings, rewards
 from locomotion.tasks.rewards import Reward

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.scaling_cells import Cell
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 
 _COLOURS = ("#0072B2", "#D55E00")  # Okabe and Ito's
 
@@ -42,7 +42,7 @@ def draw(cells: Sequence[Cell], at: int, path: Path) -> None:
     time.legend(frameon=False, fontsize="small")
     for axes in (time, memory, bodies):
         axes.spines[["top", "right"]].set_visible(False)
-    with replacing(path) as partial:
+    with atomic_write(path) as partial:
         figure.savefig(partial, dpi=150, format=path.suffix.lstrip(".") or "png")
 
 

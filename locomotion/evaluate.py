@@ -13,7 +13,7 @@ from locomotion.config import Config
 from locomotion.evaluation.options import EvaluateConfig
 
 if TYPE_CHECKING:
-    from locomotion.evaluation import Interval, Share
+    from locomotion.evaluation import Interval, Robustness
 
 _EXAMPLES = """\
   python -m locomotion.evaluate                                the gecko that ships
@@ -36,10 +36,10 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
     from tqdm import tqdm
 
     from locomotion.evaluation import (
+        check_robustness,
         make_walker,
         measure,
-        planned,
-        shares,
+        perturbed,
         summarise,
         walk,
     )
@@ -47,7 +47,7 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
     walker = make_walker(run, config)
     walks = 2
     if options.reality_check:
-        walks += len(planned(config))
+        walks += len(perturbed(config))
     total = walks * max(1, round(options.seconds / walker.period))
     measured, checked = {}, []
     # No bar without a terminal. It goes to standard error, apart from the result.
@@ -58,7 +58,7 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
         walker.env.close()
         if options.reality_check:
             nominal = measured["mean_action"]["speed"]
-            checked = list(shares(run, config, options.seconds, nominal, bar.update))
+            checked = list(check_robustness(run, config, options.seconds, nominal, bar.update))
     found = {how: summarise(values) for how, values in measured.items()}
     if options.json:
         data = _as_data(run, config, options, found, checked)
@@ -74,7 +74,7 @@ def _as_data(
     config: Config,
     options: EvaluateConfig,
     found: dict[str, dict[str, Interval]],
-    checked: list[Share],
+    checked: list[Robustness],
 ) -> dict[str, Any]:
     data: dict[str, Any] = {
         "robot": config.robot.name,
@@ -119,7 +119,7 @@ def _as_table(
     return "\n".join(lines)
 
 
-def _checked_table(checked: list[Share]) -> str:
+def _checked_table(checked: list[Robustness]) -> str:
     what = max(len(share.what) for share in checked)
     width = max(len(share.override) for share in checked)
     lines = ["", f"{'reality check':{what}}  {'':{width}}  {'m/s':>7}  share of the speed without"]

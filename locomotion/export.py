@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from locomotion.cli.policies import Command
 from locomotion.config import Config
 from locomotion.options import Checked, ConfigError, key
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 
 if TYPE_CHECKING:
     import torch
@@ -82,7 +82,7 @@ def export(run: Path, config: Config, options: ExportConfig) -> None:
             warnings.filterwarnings("ignore", "(?s).*_flat_weights.* were assigned during export")
             program = torch.export.export(controller, example, strict=False)
     for file in files:
-        with replacing(file) as partial:
+        with atomic_write(file) as partial:
             if file.suffix == ".onnx":
                 _write_onnx(program, example, metadata, partial)
             elif file.suffix == ".xml":

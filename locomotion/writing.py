@@ -14,7 +14,7 @@ _NO_SYNC = {errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.E
 
 
 @contextlib.contextmanager
-def replacing(target: Path) -> Iterator[Path]:
+def atomic_write(target: Path) -> Iterator[Path]:
     """A name to write to in place of ``target``, which it becomes when the block ends.
 
     The name is nobody else's, and has the ending of ``target``. A block that raises leaves ``target`` as

@@ -25,7 +25,7 @@ from locomotion.plots import (
     write_csv,
 )
 from locomotion.runs import RunError
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 from reproduction import RESULTS
 from reproduction.claims import OBSERVATIONS, summary
 
@@ -80,7 +80,7 @@ def write(curves: Sequence[Curve], folder: Path) -> str:
         "<!-- Written by python -m reproduction.ablation; what is changed here is lost. -->\n\n"
         f"{len(curves)} runs of {iterations} iterations.\n\n{summary(curves, report)}\n"
     )
-    with replacing(folder / "summary.md") as partial:
+    with atomic_write(folder / "summary.md") as partial:
         partial.write_text(text, encoding="utf-8")
     return text
 

@@ -22,7 +22,7 @@ from locomotion.cli.refusal import refusing
 from locomotion.disturbances.options import DEFAULTS
 from locomotion.options import ConfigError
 from locomotion.quiet import quiet
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 from reproduction.claims import table
 from reproduction.rows import gather
 from reproduction.runs import load_config, walking_config
@@ -65,14 +65,16 @@ class Row:
 
 def evaluate(run: Path, folder: Path, check: bool, progress: Callable[[], object]) -> Row:
     """Walks with a run's policy, under each change too if it is to be checked, and films it."""
-    from locomotion.evaluation import make_walker, measure, shares, walk
+    from locomotion.evaluation import check_robustness, make_walker, measure, walk
 
     config = walking_config(run, NUM_ENVS)
     walker = make_walker(run, config)
     values = measure(walk(walker, SECONDS, effort=True, progress=progress))
     hinges = len(walker.base_env.hinge_names)
     walker.env.close()
-    checked = list(shares(run, config, SECONDS, values["speed"], progress)) if check else []
+    checked = (
+        list(check_robustness(run, config, SECONDS, values["speed"], progress)) if check else []
+    )
     weakest = min(checked, key=lambda row: row.share.mean, default=None)
     return Row(
         robot=config.robot.name,
@@ -165,7 +167,7 @@ def main() -> None:
             lambda runs: _measured(runs, folder, arguments.check),
             folder / "gallery.csv",
         )
-        with replacing(folder / "README.md") as partial:
+        with atomic_write(folder / "README.md") as partial:
             partial.write_text(page(rows), encoding="utf-8")
     print(folder / "README.md")
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from locomotion.cli.refusal import refusing
 from locomotion.plots import Curve, read_csv, write_csv
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 from reproduction import RESULTS
 from reproduction.ablation import collect
 from reproduction.claims import ABOVE_4, ABOVE_8, FINAL, WHOLE, show_p, table, welch
@@ -114,7 +114,7 @@ def main() -> None:
             write_csv(folder / f"{sweep.resolve().name}.csv", kept(collect([sweep])))
         settings = {file.stem: read_csv(file) for file in sorted(folder.glob("*.csv"))}
         text = compare(settings, read_csv(RESULTS / "curves.csv"))
-        with replacing(arguments.output / "history.md") as partial:
+        with atomic_write(arguments.output / "history.md") as partial:
             partial.write_text(text, encoding="utf-8")
     print(text, end="")
 

@@ -57,7 +57,7 @@ class Row:
 
 def evaluate(run: Path, seconds: float, progress: Callable[[], object]) -> list[Row]:
     """Walks with a run's policy under each change."""
-    from locomotion.evaluation import make_walker, measure, shares, walk
+    from locomotion.evaluation import check_robustness, make_walker, measure, walk
 
     config = walking_config(run, NUM_ENVS)
     walker = make_walker(run, config)
@@ -67,7 +67,7 @@ def evaluate(run: Path, seconds: float, progress: Callable[[], object]) -> list[
     walker = make_walker(run, dataclasses.replace(config, env=anyhow))
     first = measure(walk(walker, FIRST_SECONDS, progress=progress))["speed"]
     walker.env.close()
-    checked = shares(run, config, seconds, speeds, progress)
+    checked = check_robustness(run, config, seconds, speeds, progress)
     found = [
         (NOMINAL, "", speeds.nan_to_num(0.0).mean().item()),
         (ANY_START, "", first.nan_to_num(0.0).mean().item()),

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from locomotion.plots.curves import find_runs
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 
 T = TypeVar("T")
 _TYPES = {"str": str, "int": int, "float": float}
@@ -27,7 +27,7 @@ def read(kind: type[T], path: Path) -> list[T]:
 
 def write(path: Path, rows: Sequence[T]) -> None:
     """Leaves rows in a CSV file, floats with four digits."""
-    with replacing(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+    with atomic_write(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, [field.name for field in dataclasses.fields(rows[0])])
         writer.writeheader()
         for row in rows:

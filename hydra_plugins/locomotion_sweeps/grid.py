@@ -19,7 +19,7 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf
 
 #: The most jobs of a sweep.
-MOST_JOBS = 10_000
+MAX_JOBS = 10_000
 
 
 def jobs_of(
@@ -45,8 +45,8 @@ def jobs_of(
         override.get_key_element(): _values(override, first)
         for override in parser.parse_overrides([*lists, *overrides])
     }
-    if math.prod(map(len, values.values())) > MOST_JOBS:
-        raise HydraException(f"a sweep has at most {MOST_JOBS} jobs")
+    if math.prod(map(len, values.values())) > MAX_JOBS:
+        raise HydraException(f"a sweep has at most {MAX_JOBS} jobs")
     return [list(job) for job in itertools.product(*values.values())]
 
 
@@ -62,14 +62,14 @@ def _values(override: Override, first: bool) -> list[str]:
             )
         return [f"{key}={override.value().start}"]
     try:
-        most = 1 if first else MOST_JOBS + 1
+        most = 1 if first else MAX_JOBS + 1
         values = list(itertools.islice(override.sweep_string_iterator(), most))
     except (ValueError, HydraException) as error:
         raise HydraException(f"{override.input_line}: {error}") from error
     if not values:
         raise HydraException(f"{override.input_line} holds no value")
-    if len(values) > MOST_JOBS:
-        raise HydraException(f"{override.input_line}: a sweep has at most {MOST_JOBS} jobs")
+    if len(values) > MAX_JOBS:
+        raise HydraException(f"{override.input_line}: a sweep has at most {MAX_JOBS} jobs")
     return [f"{key}={value}" for value in values]
 
 

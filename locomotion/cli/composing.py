@@ -214,6 +214,8 @@ def register(overrides: Sequence[str] = ()) -> None:
         OmegaConf.set_struct(node[name], False)  # their keys are those of what is chosen by name
     ConfigStore.instance().store("locomotion", node)
     OmegaConf.register_new_resolver("locomotion.jobs_at_once", _jobs_at_once, replace=True)
+    OmegaConf.register_new_resolver("locomotion.job_cores", _job_cores, replace=True)
+    OmegaConf.register_new_resolver("locomotion.job_gpus", _job_gpus, replace=True)
     OmegaConf.register_new_resolver("locomotion.table", table, replace=True)
 
 
@@ -221,6 +223,16 @@ def _import_plugins(overrides: Sequence[Override]) -> None:
     for override in overrides:
         if override.key_or_group == "plugins" and isinstance(override.value(), list):
             import_plugins(map(str, override.value()))
+
+
+def _job_cores(threads: int | None) -> int:
+    """The cores that a job on a cluster asks for: one unless it says how many threads it has."""
+    return threads or 1
+
+
+def _job_gpus(device: str) -> int:
+    """The GPUs that a job on a cluster asks for."""
+    return int(device.startswith("cuda"))
 
 
 def _jobs_at_once(threads: int | None) -> int:

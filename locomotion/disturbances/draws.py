@@ -17,7 +17,7 @@ _SIGNED, _DIRECTED = ("hinge_bias",), ("orientation_bias", "gyro_bias")
 
 
 class Draws:
-    """What each robot has drawn of each disturbance that is active, by name.
+    """Values that each robot has drawn of each active disturbance, by name.
 
     Values are uniform in their range. Each has shape ``(num_envs, 1)``, ``(num_envs, links)``,
     ``(num_envs, hinges)``, or ``(num_envs, 3)`` if it has a direction; ``stuck`` is a mask of hinges.

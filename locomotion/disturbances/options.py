@@ -30,7 +30,7 @@ def _spread(
 
 @dataclasses.dataclass
 class DisturbancesConfig(Checked):
-    """What disturbs robots: each a value, or a range [low, high] to draw from; nothing by default."""
+    """Disturbances of robots: each a value, or a range [low, high] to draw from; nothing by default."""
 
     PREFIX = "disturbances."
 

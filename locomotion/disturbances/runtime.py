@@ -64,7 +64,7 @@ class Disturbances:
 
     @property
     def drawn(self) -> torch.Tensor | None:
-        """How much of each disturbance is at work, in the order of the list, from -1 to 1.
+        """The strength of each disturbance at work, in the order of the list, from -1 to 1.
 
         Shape ``(num_envs, disturbances)``, the mean over links or hinges; ``None`` without disturbances.
         """

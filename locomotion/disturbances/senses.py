@@ -83,7 +83,7 @@ class Senses:
 
 
 def _columns(model: mujoco.MjModel) -> dict[str, slice]:
-    """Where a model's sensors that remember write, by what they sense."""
+    """The places in ``sensordata`` of sensors with a delay, by what they sense."""
     found: dict[str, list[int]] = {}
     for sensor in range(model.nsensor):
         prefix, _, kind = model.sensor(sensor).name.partition(":")

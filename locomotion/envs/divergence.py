@@ -10,7 +10,7 @@ import torch
 from locomotion.physics import Physics
 
 #: How many divergences are kept.
-MOST_DIVERGENCES = 1000
+MAX_DIVERGENCES = 1000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,10 +31,10 @@ class Divergence:
 
 
 class DivergenceLog:
-    """The last :data:`MOST_DIVERGENCES` divergences that nobody has taken yet."""
+    """The last :data:`MAX_DIVERGENCES` divergences that nobody has taken yet."""
 
     def __init__(self) -> None:
-        self._kept = collections.deque[Divergence](maxlen=MOST_DIVERGENCES)
+        self._kept = collections.deque[Divergence](maxlen=MAX_DIVERGENCES)
 
     def note(self, diverged: torch.Tensor | None, physics: Physics, action: torch.Tensor) -> None:
         """Keeps the states and actions that led robots to diverge.

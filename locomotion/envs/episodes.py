@@ -1,4 +1,4 @@
-"""Where, facing which way and how long ago the episodes of robots began."""
+"""The beginnings of episodes: place, heading and age."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ _MODULES = {
     "controller": ("Controller",),
     "measures": ("MEASURES", "Interval", "measure", "speed", "summarise"),
     "policy": ("load_policy", "require_parts"),
-    "reality": ("CHANGES", "Change", "Share", "planned", "shares"),
+    "robustness": ("PERTURBATIONS", "Perturbation", "Robustness", "check_robustness", "perturbed"),
     "walking": ("Walk", "Walker", "make_walker", "walk"),
 }
 _NAMES = {name: module for module, names in _MODULES.items() for name in names}

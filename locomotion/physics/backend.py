@@ -15,10 +15,10 @@ class Backend(abc.ABC):
     Fields are named as in MuJoCo's ``MjData`` and ``MjModel``.
 
     Attributes:
-        MOST_STEPS: physics steps that are taken, and checked, at a time.
+        MAX_STEPS: physics steps that are taken, and checked, at a time.
     """
 
-    MOST_STEPS: int
+    MAX_STEPS: int
     #: The fields of ``MjData`` that were asked for; views.
     _fields: dict[str, torch.Tensor]
 
@@ -90,7 +90,7 @@ class Backend(abc.ABC):
 
     @abc.abstractmethod
     def _advance(self, num_steps: int, where: torch.Tensor | None) -> None:
-        """Takes at most :attr:`MOST_STEPS` physics steps.
+        """Takes at most :attr:`MAX_STEPS` physics steps.
 
         A copy whose state is given up shows it by a time that is behind.
         """

@@ -191,7 +191,7 @@ class Physics(Backend):
 
         A copy diverges if its control is not finite, if MuJoCo gives its state up, or if the state that
         it comes to is not finite or beyond :attr:`limits` or
-        :data:`~locomotion.physics.bounds.MOST_STATE`.
+        :data:`~locomotion.physics.bounds.MAX_STATE`.
         It is then left in the state that led there or, where that was not one to step from, in the
         model's initial state.
 
@@ -219,14 +219,14 @@ class Physics(Backend):
         history = None if self._history is None else self._history.clone()
         given.copy_(control if where is None else torch.where(where[:, None], control, given))
         wrong = given.isfinite().all(1).logical_not_()
-        at_once = self.MOST_STEPS if watch is None else 1
+        at_once = self.MAX_STEPS if watch is None else 1
         moving, before, since, counted, any_wrong = where, start, start, 0, False
         for done in range(0, num_steps, at_once):
             steps = min(at_once, num_steps - done)
             self._advance(steps, moving)
             last, counted = done + steps == num_steps, counted + steps
             # Limits count where they would without anybody who watches.
-            ends = last or counted == self.MOST_STEPS
+            ends = last or counted == self.MAX_STEPS
             wrong |= self._bounds.beyond(since, self.motion, counted, passing=not ends)
             if last or watch is not None:
                 if where is not None:

@@ -34,7 +34,7 @@ class BatchPhysics(Physics):
         limits: what is believed of a robot's motion.
     """
 
-    MOST_STEPS = 1000
+    MAX_STEPS = 1000
 
     def __init__(
         self,

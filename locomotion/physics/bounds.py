@@ -9,7 +9,7 @@ import torch
 from locomotion.physics.options import HEIGHT_LIMIT, SPEED_LIMIT
 
 #: Bound of any other position or velocity (SI units).
-MOST_STATE = 1000.0
+MAX_STATE = 1000.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Bounds:
         return (off <= bound).all(1).logical_not_()  # in this form, so that nan is beyond
 
     def _make(self, steps: int, passing: bool) -> tuple[torch.Tensor, torch.Tensor]:
-        bound = torch.full_like(self._known, MOST_STATE)
+        bound = torch.full_like(self._known, MAX_STATE)
         bound[0] = self._timestep / 2
         if not passing:
             bound[1:3] = self._limits.speed * steps * self._timestep

@@ -1,4 +1,4 @@
-"""How late targets and sensors are: MuJoCo's delays, a value for each robot."""
+"""Latency of targets and sensors: MuJoCo's delays, a value for each robot."""
 
 from __future__ import annotations
 

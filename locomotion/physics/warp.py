@@ -47,7 +47,7 @@ class WarpPhysics(Physics):
     """
 
     #: The size of a graph, and the time to capture it, grow with its steps.
-    MOST_STEPS = 50
+    MAX_STEPS = 50
 
     def __init__(
         self,
@@ -278,7 +278,7 @@ def _with_mujocos_contacts(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def _history_times(model: mujoco.MjModel) -> np.ndarray:
-    """Which numbers of a history are times: of each buffer, those after its user value and cursor."""
+    """Mask of the numbers of a history that are times: of each buffer, those after its user value and cursor."""
     return np.concatenate(
         [np.zeros(0, np.int64)]
         + [

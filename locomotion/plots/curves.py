@@ -13,7 +13,7 @@ from locomotion.config import free_keys
 from locomotion.options import ConfigError
 from locomotion.plots.observations import observations_name
 from locomotion.runs import RunError, read_config, read_record
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 
 #: The report's curves, read off its pictures (see ``README.md`` next to the file).
 REPORT = Path(__file__).resolve().parents[1] / "data" / "report.csv"
@@ -175,7 +175,7 @@ def read_csv(path: Path) -> list[Curve]:
 
 def write_csv(path: Path, curves: Sequence[Curve]) -> None:
     """Writes the curves of runs into a file that :func:`read_csv` reads, one row an iteration."""
-    with replacing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("robot", "observations", "seed", *COLUMNS))
         for curve in curves:

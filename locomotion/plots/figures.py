@@ -17,7 +17,7 @@ from locomotion.plots.curves import Curve, read_metrics
 from locomotion.plots.observations import observations_label
 from locomotion.plots.statistics import align, mean_interval
 from locomotion.runs import RunError
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 
 ROBOTS = ("gecko", "ant")
 FIGURE2_OBSERVATIONS = "hinges_orientation"
@@ -152,7 +152,7 @@ def save(figure: Figure, target: Path) -> None:
     for text in figure.findobj(Text):
         text.set_parse_math(False)  # names of folders may have dollars
     try:
-        with replacing(target) as partial, warnings.catch_warnings():
+        with atomic_write(target) as partial, warnings.catch_warnings():
             # Of alphabets that the font has not; the others can be read.
             warnings.filterwarnings("ignore", "Glyph .* missing from font")
             figure.savefig(partial, dpi=120)

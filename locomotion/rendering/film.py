@@ -18,12 +18,12 @@ from locomotion.arenas.periodic import put_under
 from locomotion.options import ConfigError
 from locomotion.rendering.graphics import ADVICE, open_context
 from locomotion.rendering.motion import Motion
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 
 _PATH_COLOUR = np.array([0.93, 0.35, 0.12, 1.0], np.float32)
 #: Room in the scene for the path; it is thinned to this number of pieces.
-_MOST_PIECES = 400
-_MOST_GEOMS = 10_000
+_MAX_PIECES = 400
+_MAX_GEOMS = 10_000
 #: The small moving picture next to a film: its first seconds, pictures a second, width in pixels.
 _SMALL_SECONDS, _SMALL_FPS, _SMALL_WIDTH = 10.0, 12.5, 480
 #: Of moving pictures.
@@ -76,7 +76,7 @@ class _Canvas:
             reason = " ".join(str(error).split())
             raise ConfigError(f"{ADVICE} (MuJoCo says: {reason})") from error
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
-        self._model, self._scene = model, mujoco.MjvScene(model, maxgeom=_MOST_GEOMS)
+        self._model, self._scene = model, mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
         self._options, self._perturbation = mujoco.MjvOption(), mujoco.MjvPerturb()
         self._frame = mujoco.MjrRect(0, 0, width, height)
 
@@ -144,7 +144,7 @@ def write_film(
             size = (_SMALL_WIDTH, round(_SMALL_WIDTH * height / width))
             small.append(Image.fromarray(picture).resize(size, Image.Resampling.LANCZOS))
 
-    with replacing(path) as partial:
+    with atomic_write(path) as partial:
         _encode(partial, motion.fps, width, height, drawn(), keep)
     small_path = path.with_suffix(".webp")
     _animate(small_path, small, motion.fps / every)
@@ -152,7 +152,7 @@ def write_film(
 
 
 def _animate(path: Path, pictures: list[Image.Image], fps: float) -> None:
-    with replacing(path) as partial:
+    with atomic_write(path) as partial:
         pictures[0].save(
             partial,
             save_all=True,
@@ -190,7 +190,7 @@ def _light_from_above(data: mujoco.MjData, place: np.ndarray) -> None:
 
 def _add_path(scene: mujoco.MjvScene, places: np.ndarray) -> None:
     """Draws where the core has been, just above the ground."""
-    thinned = places[:: max(1, -(-len(places) // _MOST_PIECES))]
+    thinned = places[:: max(1, -(-len(places) // _MAX_PIECES))]
     for one, other in itertools.pairwise(thinned):
         if scene.ngeom == scene.maxgeom:
             return

@@ -13,7 +13,7 @@ import viser
 
 from locomotion.arenas.periodic import put_under
 from locomotion.rendering.motion import Motion
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 
 #: Lines on the ground are a module's width apart, roughly (m).
 _CELL = 0.1
@@ -57,7 +57,7 @@ def write_page(
                     frame.wxyz = data.xquat[body].copy()
             recording.insert_sleep(1 / motion.fps)
             progress()
-        with replacing(Path(path)) as partial:
+        with atomic_write(Path(path)) as partial:
             partial.write_text(recording.as_html(), encoding="utf-8")
     finally:
         with redirect_stdout(io.StringIO()):

@@ -28,7 +28,7 @@ from locomotion.options import Checked, ConfigError, key, load_file, read_choice
 from locomotion.robots.geometry import GEOMETRY, Box
 
 #: Longest chain of modules; what reads nested files gives up soon after.
-MOST_NESTED = 40
+MAX_NESTED = 40
 
 
 class BodyError(ValueError):
@@ -186,8 +186,8 @@ def _parse_module(tree: Any, path: str) -> Module:
     kind = tree.get("module")
     if kind not in GEOMETRY:
         raise BodyError(f"{path}: unknown module {kind!r}; choose from {', '.join(GEOMETRY)}")
-    if path.count("/") >= MOST_NESTED:
-        raise BodyError(f"{path}: more than {MOST_NESTED} modules one after another")
+    if path.count("/") >= MAX_NESTED:
+        raise BodyError(f"{path}: more than {MAX_NESTED} modules one after another")
     if kind == "core" and path != "core":
         raise BodyError(f"{path}: a body has one core, at its root")
     return Module(

@@ -11,7 +11,7 @@ import yaml
 
 from locomotion.options import ConfigError
 from locomotion.robots.body import BodyError, Module, RobotConfig, parse_body
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 
 if TYPE_CHECKING:
     from locomotion.robots.modular_robot import ModularRobot
@@ -80,6 +80,6 @@ def save_robot(robot: RobotConfig | ModularRobot | Module, path: Path | str) -> 
     else:
         body = robot if isinstance(robot, Module) else robot.body
     content = {"name": path.stem, "body": as_tree(body)}
-    with replacing(path) as partial:
+    with atomic_write(path) as partial:
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
         partial.write_text(text, encoding="utf-8")

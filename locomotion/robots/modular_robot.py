@@ -143,7 +143,7 @@ class ModularRobot(composer.Entity):
 
     @composer.cached_property
     def reach(self) -> float:
-        """How far (m) the robot reaches from its core along the ground, at most, with all hinges at 0."""
+        """The maximum distance (m) from the core to a part of the robot along the ground, with all hinges at 0."""
         return max(
             math.hypot(*(abs(centre[:2]) + lengths[:2] / 2))
             for _, _, centre, lengths in placed_boxes(self._body)

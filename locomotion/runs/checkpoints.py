@@ -12,7 +12,7 @@ from typing import Any
 from torchrl.checkpoint import Checkpoint, CheckpointError, StateDictCheckpointAdapter
 
 from locomotion.runs import RunError, RunStopped
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 
 #: Where checkpoints are in a run's folder; each is named by how many iterations are behind it.
 FOLDER = "checkpoints"
@@ -46,7 +46,7 @@ class Checkpoints:
         path = path_of(self.folder.parent, iteration)
         self.folder.mkdir(exist_ok=True)
         try:
-            with replacing(path) as partial:
+            with atomic_write(path) as partial:
                 self._checkpoint.save(partial)
         except (OSError, RuntimeError) as error:
             reason = getattr(error, "strerror", None) or _first_line(error)

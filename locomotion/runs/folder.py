@@ -16,7 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from locomotion.config import Config, as_dict, free_keys, typed_config
 from locomotion.options import flat
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 
 
 class RunError(ValueError):
@@ -53,7 +53,7 @@ def record(folder: Path, **files: Any) -> None:
     place = folder / ".hydra"
     place.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
-        with replacing(place / f"{name}.yaml") as partial:
+        with atomic_write(place / f"{name}.yaml") as partial:
             OmegaConf.save(content, partial)
 
 

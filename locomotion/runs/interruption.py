@@ -10,15 +10,15 @@ from types import FrameType, TracebackType
 from typing import Any, Self
 
 
-class WishToStop:
+class StopRequest:
     """Notes the first Ctrl-C, or SIGTERM, which the code inside looks out for; a second one ends it.
 
     Attributes:
-        came: whether there was one.
+        received: whether there was one.
     """
 
     def __init__(self) -> None:
-        self.came = False
+        self.received = False
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
@@ -38,9 +38,9 @@ class WishToStop:
             signal.signal(number, handler)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        if self.came:
+        if self.received:
             raise KeyboardInterrupt
-        self.came = True
+        self.received = True
         # Not with print, which may be in the middle of writing something else. Nobody may read it:
         # Ctrl-C ends what a pipe leads to, too.
         with contextlib.suppress(OSError):

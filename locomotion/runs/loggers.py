@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 
 from locomotion.config import Config, LoggerBackend, as_dict
 from locomotion.runs import RunError
-from locomotion.writing import replacing
+from locomotion.writing import atomic_write
 
 
 class RunLogger(abc.ABC):
@@ -145,6 +145,6 @@ def _identity(folder: Path) -> str:
     """The run's name at Weights & Biases, kept for when it is resumed."""
     path = folder / "wandb.id"
     if not path.is_file():
-        with replacing(path) as partial:
+        with atomic_write(path) as partial:
             partial.write_text(secrets.token_hex(8), encoding="utf-8")
     return path.read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ import numpy as np
 
 from locomotion.envs import Divergence
 from locomotion.runs import RunError
-from locomotion.writing import replacing, sync
+from locomotion.writing import atomic_write, sync
 
 
 class MetricsWriter:
@@ -36,7 +36,7 @@ class MetricsWriter:
             self._columns = lines[0].decode(errors="replace").strip().split(",")
         else:
             lines = []
-        with replacing(path) as partial:
+        with atomic_write(path) as partial:
             partial.write_bytes(b"".join(lines[: 1 + rows]))
         # Without a buffer, whose content would be tried again when the file is closed.
         self._file = path.open("ab", buffering=0)
@@ -74,7 +74,7 @@ def save_divergences(folder: Path, iteration: int, divergences: Iterable[Diverge
     """
     path = folder / "diverged" / f"{iteration:06d}.npz"
     path.parent.mkdir(exist_ok=True)
-    with replacing(path) as partial:
+    with atomic_write(path) as partial:
         np.savez(
             partial,
             robot=[divergence.robot for divergence in divergences],

@@ -32,7 +32,7 @@ def add_touch_sensors(robot: ModularRobot, arena: composer.Arena) -> None:
 
 
 class TouchMap:
-    """Which sensors of a compiled model belong to which module of a robot.
+    """The map from the touch sensors of a compiled model to the modules of a robot.
 
     Args:
         robot: the robot.

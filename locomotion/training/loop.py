@@ -14,7 +14,7 @@ from torchrl.envs import EnvBase, Transform
 from locomotion.agents.architectures import Network
 from locomotion.agents.base import Learner
 from locomotion.config import Config
-from locomotion.runs.interruption import WishToStop
+from locomotion.runs.interruption import StopRequest
 from locomotion.runs.recorder import Recorder
 from locomotion.training.build import make_collector, make_env, make_learner
 
@@ -61,7 +61,7 @@ def train(
         learned = learner(environment)
     run = Recorder(config, folder, environment, learned)
     collector = make_collector(environment, learned, config.learner.steps)
-    with run, WishToStop() as wish, ExitStack() as after:
+    with run, StopRequest() as stop, ExitStack() as after:
         if env is None:  # one that was passed is left open
             after.callback(environment.close)
         after.callback(collector.shutdown, close_env=False)
@@ -75,7 +75,7 @@ def train(
             row = run.record(batch, metrics, collected)
             for callback in callbacks:
                 callback(row)
-            run.save_if_due(stopping=wish.came)
-            if wish.came and not run.finished:
+            run.save_if_due(stopping=stop.received)
+            if stop.received and not run.finished:
                 done = f"stopped after {run.completed} iterations; resume={folder} continues"
                 raise KeyboardInterrupt(done)

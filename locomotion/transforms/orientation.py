@@ -1,4 +1,4 @@
-"""Which way is up, and which way is forward: an orientation, in the form that suits the policy."""
+"""The orientation of a body, in the representation that suits the policy."""
 
 from __future__ import annotations
 

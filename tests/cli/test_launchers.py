@@ -26,7 +26,10 @@ pytestmark = pytest.mark.slow
         (["hydra.sweeper._target_=os.system"], "hydra.sweeper._target_=os.system is fixed"),
         (["++hydra.sweeper.max_batch_size=1"], "hydra.sweeper.max_batch_size=1 is fixed"),
         (["hydra/launcher=parallel", "++hydra.launcher.backend=x"], "launcher.backend=x is fixed"),
-        (["hydra/launcher=parallel", "hydra.launcher.n_jobs=0"], "n_jobs=0 must be a number of at"),
+        (
+            ["hydra/launcher=parallel", "hydra.launcher.n_jobs=0"],
+            "n_jobs=0 must be a whole number of at",
+        ),
         (
             ["+hydra.callbacks.x._target_=os.system"],
             "hydra.callbacks.x._target_=os.system is fixed",

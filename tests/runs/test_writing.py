@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from locomotion.writing import remove_partial, replacing, sync
+from locomotion.writing import atomic_write, remove_partial, sync
 
 
 @pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EBADF])
@@ -16,7 +16,7 @@ def test_a_file_system_that_cannot_sync_is_written_to(number, monkeypatch, tmp_p
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(os, "fsync", refuse)
-    with replacing(tmp_path / "a.txt") as partial:
+    with atomic_write(tmp_path / "a.txt") as partial:
         partial.write_text("whole", encoding="utf-8")
     assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "whole"
 
@@ -35,7 +35,7 @@ def test_windows_syncs_files_that_are_open_for_writing_alone(monkeypatch, tmp_pa
 
     monkeypatch.setattr(os, "open", open_no_folder)
     monkeypatch.setattr(os, "fsync", fsync)
-    with replacing(tmp_path / "a.txt") as partial:
+    with atomic_write(tmp_path / "a.txt") as partial:
         partial.write_text("whole", encoding="utf-8")
     assert len(synced) == 1
     assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "whole"
@@ -48,7 +48,7 @@ def test_a_disk_that_fails_is_not_passed_over(monkeypatch, tmp_path):
     monkeypatch.setattr(os, "fsync", fail)
     target = tmp_path / "a.txt"
     target.write_text("before", encoding="utf-8")
-    with pytest.raises(OSError, match="error") as caught, replacing(target) as partial:
+    with pytest.raises(OSError, match="error") as caught, atomic_write(target) as partial:
         partial.write_text("after", encoding="utf-8")
     assert (caught.value.errno, caught.value.filename) == (errno.EIO, str(target))
     assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
@@ -60,7 +60,7 @@ def test_a_disk_that_fails_is_not_passed_over(monkeypatch, tmp_path):
 @pytest.mark.parametrize("ending", ["", ".txt", ".tar.gz"])
 def test_a_name_may_be_as_long_as_the_file_system_takes(ending, tmp_path):
     target = tmp_path / f"{'é' * ((255 - len(ending)) // 2)}{ending}"
-    with replacing(target) as partial:
+    with atomic_write(target) as partial:
         assert partial.suffix == target.suffix
         partial.write_text("whole", encoding="utf-8")
     assert list(tmp_path.iterdir()) == [target]
@@ -71,7 +71,7 @@ def test_a_link_stays_one_and_a_file_has_the_rights_of_any_other(tmp_path):
     link, plain = tmp_path / "link.txt", tmp_path / "plain.txt"
     link.symlink_to(tmp_path / "folder" / "there.txt")
     plain.write_text("x", encoding="utf-8")
-    with replacing(link) as partial:
+    with atomic_write(link) as partial:
         partial.write_text("whole", encoding="utf-8")
     assert link.is_symlink()
     there = tmp_path / "folder" / "there.txt"
@@ -83,7 +83,7 @@ def test_two_who_write_one_file_at_once_do_not_mix(tmp_path):
     target = tmp_path / "a.txt"
 
     def write(letter):
-        with replacing(target) as partial, partial.open("w", encoding="utf-8") as file:
+        with atomic_write(target) as partial, partial.open("w", encoding="utf-8") as file:
             for _ in range(200):
                 file.write(letter * 100)
                 file.flush()
@@ -98,14 +98,14 @@ def test_two_who_write_one_file_at_once_do_not_mix(tmp_path):
 def test_a_file_that_cannot_be_written_is_named_by_its_own_name(tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
     for target in (tmp_path / "no" / "a.txt", tmp_path / "file" / "a.txt"):
-        with pytest.raises(OSError, match="director") as caught, replacing(target) as partial:
+        with pytest.raises(OSError, match="director") as caught, atomic_write(target) as partial:
             partial.write_text("", encoding="utf-8")
         assert caught.value.filename == str(target)
 
 
 def test_what_a_killed_process_left_is_removed(tmp_path):
     (tmp_path / "a.txt").write_text("", encoding="utf-8")
-    with replacing(tmp_path / "b.txt") as partial:
+    with atomic_write(tmp_path / "b.txt") as partial:
         partial.write_text("half", encoding="utf-8")
         remove_partial(tmp_path)
         assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]

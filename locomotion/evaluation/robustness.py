@@ -17,7 +17,7 @@ from locomotion.robots.geometry import HINGE_SPEED
 
 
 @dataclasses.dataclass(frozen=True)
-class Change:
+class Perturbation:
     """One thing that is different.
 
     Attributes:
@@ -53,18 +53,18 @@ def _on_each(change: Callable[[float], float]) -> Callable[[Any], Any]:
     return changed
 
 
-def _disturbed(what: str, change: Callable[[Any], Any], name: str, **others: Any) -> Change:
+def _disturbed(what: str, change: Callable[[Any], Any], name: str, **others: Any) -> Perturbation:
     named = {f"disturbances.{key}": of for key, of in {name: change, **others}.items()}
-    return Change(what, named, broken=name == "stuck")
+    return Perturbation(what, named, broken=name == "stuck")
 
 
 def _to(value: float) -> Callable[[Any], Any]:
     return lambda nominal: value if nominal is None else nominal
 
 
-CHANGES = (
-    Change("a tenth of the timestep", {"physics.timestep": _times(0.1)}),
-    Change("limbs that collide", {"physics.self_collision": lambda _: True}),
+PERTURBATIONS = (
+    Perturbation("a tenth of the timestep", {"physics.timestep": _times(0.1)}),
+    Perturbation("limbs that collide", {"physics.self_collision": lambda _: True}),
     _disturbed("half the friction", _times(0.5), "friction"),
     _disturbed("friction and a half", _times(1.5), "friction"),
     _disturbed("servos 20% weaker", _times(0.8), "strength"),
@@ -86,15 +86,15 @@ CHANGES = (
     _disturbed("an IMU that is off", _plus(0.1), "orientation_bias", gyro_bias=_plus(0.1)),
     _disturbed("pushes", _plus(0.5), "push"),
     _disturbed("one hinge stuck", lambda _: 1.0, "stuck"),
-    Change("bumps of 4 cm", arena={"name": "rough", "height": 0.04}),
-    Change("slopes of a fifth", arena={"name": "slopes", "height": 0.4}),
-    Change("stairs of 3 cm", arena={"name": "steps", "height": 0.03}),
-    Change("stepping stones", arena={"name": "stones", "height": 0.05}),
+    Perturbation("bumps of 4 cm", arena={"name": "rough", "height": 0.04}),
+    Perturbation("slopes of a fifth", arena={"name": "slopes", "height": 0.4}),
+    Perturbation("stairs of 3 cm", arena={"name": "steps", "height": 0.03}),
+    Perturbation("stepping stones", arena={"name": "stones", "height": 0.05}),
 )
 
 
 @dataclasses.dataclass(frozen=True)
-class Share:
+class Robustness:
     """The speed of robots under a change, as a share of their speed without it.
 
     Attributes:
@@ -112,14 +112,14 @@ class Share:
     diverged: float
 
 
-def shares(
+def check_robustness(
     run: Path,
     config: Config,
     seconds: float,
     nominal: torch.Tensor,
     progress: Callable[[], object] = lambda: None,
-) -> Iterator[Share]:
-    """Walks under each change of :func:`planned`, one at a time, with the policy's mean action.
+) -> Iterator[Robustness]:
+    """Walks under each change of :func:`perturbed`, one at a time, with the policy's mean action.
 
     The interval is that of a ratio of two means, by the delta method: the relative variances of both
     add up.
@@ -132,23 +132,23 @@ def shares(
         progress: called after each control step.
     """
     nominal = nominal.nan_to_num(0.0)
-    for change, changed, override in planned(config):
+    for change, changed, override in perturbed(config):
         walker = make_walker(run, changed)
         values = measure(walk(walker, seconds, progress=progress))
         walker.env.close()
         speeds, diverged = values["speed"].nan_to_num(0.0), values["diverged"].mean().item()
         share = _ratio(speeds, nominal)
-        yield Share(change.what, override, speeds.mean().item(), share, diverged)
+        yield Robustness(change.what, override, speeds.mean().item(), share, diverged)
 
 
-def planned(config: Config) -> list[tuple[Change, Config, str]]:
-    """The :data:`CHANGES` that change a task: what it is under each, and the change as overrides.
+def perturbed(config: Config) -> list[tuple[Perturbation, Config, str]]:
+    """The :data:`PERTURBATIONS` that change a task: what it is under each, and the change as overrides.
 
     Raises:
         ConfigError: if a change would put a key out of its range.
     """
     plan = []
-    for change in CHANGES:
+    for change in PERTURBATIONS:
         changed, overrides = config, []
         if change.arena and config.arena["name"] == "ground":
             changed = dataclasses.replace(config, arena=dict(change.arena))

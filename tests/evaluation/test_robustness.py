@@ -7,7 +7,14 @@ import pytest
 import torch
 
 from locomotion import compose
-from locomotion.evaluation import CHANGES, make_walker, measure, planned, shares, walk
+from locomotion.evaluation import (
+    PERTURBATIONS,
+    check_robustness,
+    make_walker,
+    measure,
+    perturbed,
+    walk,
+)
 from locomotion.robots.geometry import HINGE_SPEED
 
 pytestmark = pytest.mark.slow
@@ -35,8 +42,8 @@ def test_each_row_is_a_walk_under_its_overrides(shipped_run):
     run, config = shipped_run("gecko", 4, self_collision=False)
     steps = []
     nominal = measure(walk(make_walker(run, config), 1.0))["speed"]
-    rows = list(shares(run, config, 1.0, nominal, progress=lambda: steps.append(1)))
-    assert len(steps) == 4 * len(CHANGES)
+    rows = list(check_robustness(run, config, 1.0, nominal, progress=lambda: steps.append(1)))
+    assert len(steps) == 4 * len(PERTURBATIONS)
     assert [row.override for row in rows] == ROWS
     for row in rows:
         assert row.share.low < row.share.mean < row.share.high
@@ -63,7 +70,7 @@ def test_each_row_is_a_walk_under_its_overrides(shipped_run):
 def test_changes_come_on_top_of_the_task_and_those_that_change_nothing_are_left_out():
     changed = ("latency=0.1", "friction=0.8", "mass=[0.5,1.0]", "top_speed=9")
     overrides = [f"disturbances.{word}" for word in changed]
-    rows = [row[-1] for row in planned(compose("physics.self_collision=true", *overrides))]
+    rows = [row[-1] for row in perturbed(compose("physics.self_collision=true", *overrides))]
     assert "physics.self_collision=true" not in rows
     for row in ("friction=0.4", "friction=1.2", "mass=[0.4,0.8]", "mass=[0.6,1.2]", "latency=0.35"):
         assert f"disturbances.{row}" in rows
@@ -73,12 +80,12 @@ def test_changes_come_on_top_of_the_task_and_those_that_change_nothing_are_left_
 
 def test_a_share_of_nothing_is_unknown_and_nothing_is_no_share(shipped_run):
     run, config = shipped_run("gecko", 2)
-    row = next(shares(run, config, 0.25, torch.tensor([math.nan, 0.0])))
+    row = next(check_robustness(run, config, 0.25, torch.tensor([math.nan, 0.0])))
     assert row.speed > 0
     assert all(map(math.isnan, (row.share.mean, row.share.low, row.share.high)))
 
     run, config = shipped_run("gecko", 2, stiffness=1000.0, timestep=0.25)
-    rows = shares(run, config, 0.25, torch.tensor([0.5, 0.7]))
+    rows = check_robustness(run, config, 0.25, torch.tensor([0.5, 0.7]))
     row = next(row for row in rows if row.diverged == 1)
     # This counts as standing still.
     assert (row.speed, row.share.mean, row.share.low, row.share.high) == (0, 0, 0, 0)

@@ -187,7 +187,7 @@ def work(common: bytes, number: int, overrides: Sequence[str], errors: bool = Fa
                 None,
                 ended.code if isinstance(ended.code, int) else int(ended.code is not None),
             )
-        except Exception:
+        except Exception:  # noqa: BLE001  what a job raises ends that job alone
             traceback.print_exc()
             value, status = None, 1
     return Outcome(status, value, output.getvalue())

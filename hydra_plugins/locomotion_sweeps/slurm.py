@@ -149,7 +149,7 @@ class Attempt:
         task = os.environ["SLURM_JOB_ID"]
         if "SLURM_ARRAY_JOB_ID" in os.environ:
             task = f"{os.environ['SLURM_ARRAY_JOB_ID']}_{os.environ['SLURM_ARRAY_TASK_ID']}"
-        starts = int(os.environ.get("SLURM_RESTART_COUNT", 0))
+        starts = int(os.environ.get("SLURM_RESTART_COUNT", "0"))
         os.environ["LOKY_MAX_CPU_COUNT"] = os.environ.get("SLURM_CPUS_PER_TASK", "1")
         place = Path(self._desk, f"{number}.json")
         _write(place, {"task": task, "restarts": starts})

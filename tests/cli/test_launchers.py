@@ -30,6 +30,14 @@ pytestmark = pytest.mark.slow
             ["hydra/launcher=parallel", "hydra.launcher.n_jobs=0"],
             "n_jobs=0 must be a whole number of at",
         ),
+        (["hydra/launcher=slurm", "+hydra.launcher.setup=[reboot]"], "setup=['reboot'] is fixed"),
+        (["hydra/launcher=slurm", "hydra.launcher.partition='a\n#SBATCH'"], "must be a word of"),
+        (["hydra/launcher=slurm", "hydra.launcher.qos='a b'"], "launcher.qos='a b' must be a word"),
+        (["hydra/launcher=slurm", "hydra.launcher.account='--wrap=x'"], "account='--wrap=x' must be"),
+        (["hydra/launcher=slurm", "hydra.launcher.time=0"], "time=0 must be a whole number of at"),
+        (["hydra/launcher=ray", "+hydra.launcher.address=x:1"], "launcher.address=x:1 is fixed"),
+        (["hydra/launcher=ray", "hydra.launcher.cpus=0.5"], "cpus=0.5 must be a whole number of"),
+        (["hydra/launcher=ray", "hydra.launcher.memory=x"], "memory=x must be a number of at"),
         (
             ["+hydra.callbacks.x._target_=os.system"],
             "hydra.callbacks.x._target_=os.system is fixed",
@@ -258,3 +266,14 @@ def test_the_ablation_is_every_robot_with_every_observation_and_seed():
     assert [config.seed for config, _ in jobs] == [0] * 8 + [1] * 8 + [2] * 8
     assert {config.physics.threads for config, _ in jobs} == {1}
     assert len(compose_jobs(["+experiment=ablation", "seed=3,4", "robot=ant"])) == 2 * 4
+
+
+def test_a_launcher_without_its_package_is_refused_in_a_line(capsys):
+    from hydra_plugins.locomotion_sweeps.needs import require_package
+
+    require_package("json", "ray")
+    with pytest.raises(SystemExit) as ended:
+        require_package("no_such_package", "ray")
+    assert ended.value.code == 2
+    line = "error: hydra/launcher=ray needs packages: pip install 'locomotion[ray]'\n"
+    assert capsys.readouterr().err == line

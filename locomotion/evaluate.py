@@ -37,25 +37,25 @@ def evaluate(run: Path, config: Config, options: EvaluateConfig) -> None:
 
     from locomotion.evaluation import (
         check_robustness,
-        make_walker,
+        make_runner,
         measure,
         perturbed,
         summarise,
         walk,
     )
 
-    walker = make_walker(run, config)
+    runner = make_runner(run, config)
     walks = 2
     if options.reality_check:
         walks += len(perturbed(config))
-    total = walks * max(1, round(options.seconds / walker.period))
+    total = walks * max(1, round(options.seconds / runner.period))
     measured, checked = {}, []
     # No bar without a terminal. It goes to standard error, apart from the result.
     with tqdm(total=total, desc=config.robot.name, unit="step", disable=None, leave=False) as bar:
         for sampled in (False, True):
-            walked = walk(walker, options.seconds, sampled, effort=True, progress=bar.update)
+            walked = walk(runner, options.seconds, sampled, effort=True, progress=bar.update)
             measured["sampled" if sampled else "mean_action"] = measure(walked)
-        walker.env.close()
+        runner.env.close()
         if options.reality_check:
             nominal = measured["mean_action"]["speed"]
             checked = list(check_robustness(run, config, options.seconds, nominal, bar.update))

@@ -36,18 +36,18 @@ def watch(run: Path, config: Config, options: WatchConfig) -> None:
     """
     from tqdm import tqdm
 
-    from locomotion.evaluation import make_walker
+    from locomotion.evaluation import make_runner
     from locomotion.rendering.motion import record_motion
 
-    walker = make_walker(run, config)
+    runner = make_runner(run, config)
     if options.live:
         from locomotion.rendering.live import show_live
 
-        show_live(walker, options.seconds, options.sampled)
-        walker.env.close()
+        show_live(runner, options.seconds, options.sampled)
+        runner.env.close()
         return
-    motion = record_motion(walker, options.seconds, options.fps, options.sampled)
-    walker.env.close()
+    motion = record_motion(runner, options.seconds, options.fps, options.sampled)
+    runner.env.close()
     ending = ".html" if options.web else ".mp4"
     target = Path(options.output or f"{config.robot.name}{ending}")
     # No bar without a terminal.

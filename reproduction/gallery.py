@@ -65,13 +65,13 @@ class Row:
 
 def evaluate(run: Path, folder: Path, check: bool, progress: Callable[[], object]) -> Row:
     """Walks with a run's policy, under each change too if it is to be checked, and films it."""
-    from locomotion.evaluation import check_robustness, make_walker, measure, walk
+    from locomotion.evaluation import check_robustness, make_runner, measure, walk
 
     config = walking_config(run, NUM_ENVS)
-    walker = make_walker(run, config)
-    values = measure(walk(walker, SECONDS, effort=True, progress=progress))
-    hinges = len(walker.base_env.hinge_names)
-    walker.env.close()
+    runner = make_runner(run, config)
+    values = measure(walk(runner, SECONDS, effort=True, progress=progress))
+    hinges = len(runner.base_env.hinge_names)
+    runner.env.close()
     checked = (
         list(check_robustness(run, config, SECONDS, values["speed"], progress)) if check else []
     )
@@ -89,12 +89,12 @@ def evaluate(run: Path, folder: Path, check: bool, progress: Callable[[], object
 
 
 def _film(run: Path, path: Path) -> str:
-    from locomotion.evaluation import make_walker
+    from locomotion.evaluation import make_runner
     from locomotion.rendering import record_motion, write_film
 
-    walker = make_walker(run, walking_config(run, 1))
-    motion = record_motion(walker, FILM_SECONDS, FPS)
-    walker.env.close()
+    runner = make_runner(run, walking_config(run, 1))
+    motion = record_motion(runner, FILM_SECONDS, FPS)
+    runner.env.close()
     try:
         write_film(motion, path, WIDTH, HEIGHT)
     except ConfigError as error:  # the rest of the page needs nothing to draw with

@@ -57,16 +57,16 @@ class Row:
 
 def evaluate(run: Path, seconds: float, progress: Callable[[], object]) -> list[Row]:
     """Walks with a run's policy under each change."""
-    from locomotion.evaluation import check_robustness, make_walker, measure, walk
+    from locomotion.evaluation import check_robustness, make_runner, measure, walk
 
     config = walking_config(run, NUM_ENVS)
-    walker = make_walker(run, config)
-    speeds = measure(walk(walker, seconds, progress=progress))["speed"]
-    walker.env.close()
+    runner = make_runner(run, config)
+    speeds = measure(walk(runner, seconds, progress=progress))["speed"]
+    runner.env.close()
     anyhow = dataclasses.replace(config.env, start=Start.any, overturned=0.5)
-    walker = make_walker(run, dataclasses.replace(config, env=anyhow))
-    first = measure(walk(walker, FIRST_SECONDS, progress=progress))["speed"]
-    walker.env.close()
+    runner = make_runner(run, dataclasses.replace(config, env=anyhow))
+    first = measure(walk(runner, FIRST_SECONDS, progress=progress))["speed"]
+    runner.env.close()
     checked = check_robustness(run, config, seconds, speeds, progress)
     found = [
         (NOMINAL, "", speeds.nan_to_num(0.0).mean().item()),

@@ -32,15 +32,15 @@ HEAD = [
 
 def rows(run: Path, num_envs: int, seconds: float) -> list[list[str]]:
     """Walks with a run's policy in both worlds, a row each."""
-    from locomotion.evaluation import make_walker, measure, summarise, walk
+    from locomotion.evaluation import make_runner, measure, summarise, walk
 
     config = walking_config(run, num_envs)
     trained, found = config.physics.self_collision, []
     for collide in (False, True):
         config.physics = dataclasses.replace(config.physics, self_collision=collide)
-        walker = make_walker(run, config)
-        values = summarise(measure(walk(walker, seconds, effort=True)))
-        walker.env.close()
+        runner = make_runner(run, config)
+        values = summarise(measure(walk(runner, seconds, effort=True)))
+        runner.env.close()
         shown = [_shown(values[name]) for name in ("speed", "straightness", "rolls_per_metre")]
         words = ["collide" if which else "pass" for which in (trained, collide)]
         on_back = f"{values['on_back'].mean:.0%}"

@@ -85,13 +85,13 @@ def evaluate(run: Path) -> Row:
 
 
 def _speeds(run: Path, config: Config, start: Start) -> dict[str, float]:
-    from locomotion.evaluation import make_walker, measure, walk
+    from locomotion.evaluation import make_runner, measure, walk
 
     config.env = dataclasses.replace(config.env, start=start, overturned=0.5)
-    walker = make_walker(run, config)
-    found = measure(walk(walker, SECONDS))
-    hinges = float(len(walker.base_env.hinge_names))
-    walker.env.close()
+    runner = make_runner(run, config)
+    found = measure(walk(runner, SECONDS))
+    hinges = float(len(runner.base_env.hinge_names))
+    runner.env.close()
     # A robot whose simulation diverged counts as one that stood still.
     return {name: value.nan_to_num(0.0).mean().item() for name, value in found.items()} | {
         "hinges": hinges

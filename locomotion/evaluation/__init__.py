@@ -8,7 +8,7 @@ _MODULES = {
     "measures": ("MEASURES", "Interval", "measure", "speed", "summarise"),
     "policy": ("load_policy", "require_parts"),
     "robustness": ("PERTURBATIONS", "Perturbation", "Robustness", "check_robustness", "perturbed"),
-    "walking": ("Walk", "Walker", "make_walker", "walk"),
+    "walking": ("PolicyRunner", "Trajectory", "make_runner", "walk"),
 }
 _NAMES = {name: module for module, names in _MODULES.items() for name in names}
 

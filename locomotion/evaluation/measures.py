@@ -8,7 +8,7 @@ import math
 import torch
 from scipy import stats
 
-from locomotion.evaluation.walking import Walk, upwards
+from locomotion.evaluation.walking import Trajectory, upwards
 
 #: The beginning of a walk (s), in which a gait gets going.
 BEGINNING = 20.0
@@ -60,7 +60,7 @@ def speed(place: torch.Tensor, seconds: float) -> torch.Tensor:
     return (place[-1] - place[0]).norm(dim=-1) / seconds
 
 
-def measure(walk: Walk) -> dict[str, torch.Tensor]:
+def measure(walk: Trajectory) -> dict[str, torch.Tensor]:
     """The measures of each robot, by name, float64 of shape ``(robots,)``.
 
     Work and rolls are left out if the walk does not tell, and the speeds of its parts if it is over before

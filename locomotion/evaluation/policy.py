@@ -35,7 +35,7 @@ def require_parts(run: Path, given: Mapping[str, Any]) -> None:
         listed = ", ".join(f"{part}={passed[part]}" for part in missing)
         raise RunError(
             f"{run} was trained with {listed}, which its folder does not hold; from Python,"
-            f" locomotion.evaluation.make_walker takes {', '.join(missing)}"
+            f" locomotion.evaluation.make_runner takes {', '.join(missing)}"
         )
 
 

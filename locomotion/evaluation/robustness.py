@@ -12,7 +12,7 @@ import torch
 
 from locomotion.config import Config
 from locomotion.evaluation.measures import Interval, measure
-from locomotion.evaluation.walking import make_walker, walk
+from locomotion.evaluation.walking import make_runner, walk
 from locomotion.robots.geometry import HINGE_SPEED
 
 
@@ -133,9 +133,9 @@ def check_robustness(
     """
     nominal = nominal.nan_to_num(0.0)
     for change, changed, override in perturbed(config):
-        walker = make_walker(run, changed)
-        values = measure(walk(walker, seconds, progress=progress))
-        walker.env.close()
+        runner = make_runner(run, changed)
+        values = measure(walk(runner, seconds, progress=progress))
+        runner.env.close()
         speeds, diverged = values["speed"].nan_to_num(0.0), values["diverged"].mean().item()
         share = _ratio(speeds, nominal)
         yield Robustness(change.what, override, speeds.mean().item(), share, diverged)

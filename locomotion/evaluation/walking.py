@@ -20,7 +20,7 @@ from locomotion.training.build import make_env
 
 
 @dataclasses.dataclass(frozen=True)
-class Walk:
+class Trajectory:
     """The course of robots, with an entry for the start and one after each control step.
 
     On the CPU, wherever the robots are.
@@ -45,7 +45,7 @@ class Walk:
     diverged: torch.Tensor
 
 
-class Walker:
+class PolicyRunner:
     """Robots and the policy that moves them.
 
     Args:
@@ -92,7 +92,7 @@ class Walker:
         return result["next", "terminated"].squeeze(-1)
 
 
-def make_walker(
+def make_runner(
     run: Path,
     config: Config,
     *,
@@ -101,7 +101,7 @@ def make_walker(
     in_keys: Sequence[str] | None = None,
     network: Network | None = None,
     learner: Callable[[EnvBase], Learner] | None = None,
-) -> Walker:
+) -> PolicyRunner:
     """Robots with the policy of a run's last checkpoint.
 
     Parts of one's own that were passed to :func:`locomotion.train` are passed here again.
@@ -125,42 +125,42 @@ def make_walker(
     policy = load_policy(
         run, config, environment, in_keys=in_keys, network=network, learner=learner
     )
-    return Walker(environment, policy)
+    return PolicyRunner(environment, policy)
 
 
 def walk(
-    walker: Walker,
+    runner: PolicyRunner,
     seconds: float,
     sampled: bool = False,
     effort: bool = False,
     progress: Callable[[], object] = lambda: None,
-) -> Walk:
+) -> Trajectory:
     """Walks for a while, from a new start.
 
     Args:
-        walker: who walks.
+        runner: robots and their policy.
         seconds: for how long, rounded to control steps, at least one.
         sampled: whether actions are drawn, as in training, or are the policy's mean.
         effort: whether to note work and overturns, for which each physics step is looked at.
         progress: called after each control step.
     """
-    steps = max(1, round(seconds / walker.period))
-    physics = walker.base_env.physics
-    walker.start()
-    meter = _Effort(walker) if effort else None
+    steps = max(1, round(seconds / runner.period))
+    physics = runner.base_env.physics
+    runner.start()
+    meter = _Effort(runner) if effort else None
     positions, orientations = [physics.qpos[:, :3].clone()], [physics.qpos[:, 3:7].clone()]
     diverged = torch.zeros(len(physics.qpos), dtype=torch.bool, device=physics.device)
-    watched = nullcontext() if meter is None else walker.base_env.after_substep(meter.add)
+    watched = nullcontext() if meter is None else runner.base_env.after_substep(meter.add)
     with watched:
         for _ in range(steps):
-            diverged |= walker.step(sampled)
+            diverged |= runner.step(sampled)
             positions.append(physics.qpos[:, :3].clone())
             orientations.append(physics.qpos[:, 3:7].clone())
             if meter is not None:
                 meter.end_step()
             progress()
-    return Walk(
-        walker.period,
+    return Trajectory(
+        runner.period,
         torch.stack(positions).cpu(),
         torch.stack(orientations).cpu(),
         None if meter is None else torch.stack(meter.work).cpu(),
@@ -172,8 +172,8 @@ def walk(
 class _Effort:
     """Adds work and overturns up over the physics steps of each control step."""
 
-    def __init__(self, walker: Walker) -> None:
-        env = walker.base_env
+    def __init__(self, runner: PolicyRunner) -> None:
+        env = runner.base_env
         self.work: list[torch.Tensor] = []
         self.overturns: list[torch.Tensor] = []
         self._upright = upwards(env.physics.qpos[:, 3:7]) > 0

@@ -2,13 +2,13 @@
 
 Any policy in any environment around a :class:`~locomotion.envs.LocomotionEnv` can be filmed:
 
->>> from locomotion.evaluation import Walker
+>>> from locomotion.evaluation import PolicyRunner
 >>> from locomotion.rendering import record_motion, write_film
->>> write_film(record_motion(Walker(env, policy), seconds=8), "gait.mp4")
+>>> write_film(record_motion(PolicyRunner(env, policy), seconds=8), "gait.mp4")
 
 The policy reads what the environment writes, and writes ``action``; the first robot is filmed.
 :func:`~locomotion.rendering.page.write_page` makes a page for the browser instead, and
-:func:`~locomotion.rendering.live.show_live` shows a walker in MuJoCo's viewer.
+:func:`~locomotion.rendering.live.show_live` shows a runner in MuJoCo's viewer.
 """
 
 from importlib import import_module

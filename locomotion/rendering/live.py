@@ -9,25 +9,25 @@ import mujoco
 import mujoco.viewer
 
 from locomotion.arenas.periodic import put_under
-from locomotion.evaluation import Walker
+from locomotion.evaluation import PolicyRunner
 from locomotion.options import ConfigError
 from locomotion.physics import Physics
 
 
-def show_live(walker: Walker, seconds: float, sampled: bool = False) -> None:
-    """Has the first robot of a walker walk in a window, at the pace of the clock.
+def show_live(runner: PolicyRunner, seconds: float, sampled: bool = False) -> None:
+    """Lets the first robot of a runner walk in a window, at the pace of the clock.
 
     Ends when the time is over or the window is closed.
 
     Args:
-        walker: who walks.
+        runner: robots and their policy.
         seconds: for how long.
         sampled: whether actions are drawn, as in training, or are the policy's mean.
 
     Raises:
         ConfigError: if MuJoCo cannot open its viewer.
     """
-    env = walker.base_env
+    env = runner.base_env
     data = mujoco.MjData(env.model)
     timestep = env.model.opt.timestep
     threads = {*threading.enumerate()}
@@ -53,10 +53,10 @@ def show_live(walker: Walker, seconds: float, sampled: bool = False) -> None:
             due = max(due + timestep, time.perf_counter() - timestep)
             time.sleep(max(0.0, due - time.perf_counter()))
 
-        walker.start()
+        runner.start()
         with env.after_substep(show):
             while viewer.is_running() and data.time < seconds:
-                walker.step(sampled)
+                runner.step(sampled)
     # The viewer is told to close and does so in a thread of its own; a process that ends meanwhile crashes.
     for thread in {*threading.enumerate()} - threads:
         thread.join(timeout=10)

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import torch
 
-from locomotion.evaluation import Walker, measure, speed, walk
+from locomotion.evaluation import PolicyRunner, measure, speed, walk
 from locomotion.physics import Physics
 
 
@@ -54,22 +54,22 @@ class Motion:
 
 
 def record_motion(
-    walker: Walker,
+    runner: PolicyRunner,
     seconds: float = 8.0,
     fps: float = 25,
     sampled: bool = False,
     progress: Callable[[], object] = lambda: None,
 ) -> Motion:
-    """Has the first robot of a walker walk, and keeps how it moved.
+    """Lets the first robot of a runner walk, and keeps how it moved.
 
     Args:
-        walker: who walks.
+        runner: robots and their policy.
         seconds: for how long, rounded to control steps.
         fps: pictures a second; there is one at most for each physics step.
         sampled: whether actions are drawn, as in training, or are the policy's mean.
         progress: called after each control step.
     """
-    env = walker.base_env
+    env = runner.base_env
     moments: list[np.ndarray] = []
 
     def note(physics: Physics) -> None:
@@ -78,7 +78,7 @@ def record_motion(
         moments.append(physics.qpos[0].numpy(force=True).copy())
 
     with env.after_substep(note):
-        walked = walk(walker, seconds, sampled, progress=progress)
+        walked = walk(runner, seconds, sampled, progress=progress)
     measured = {name: values[0].item() for name, values in measure(walked).items()}
     rate = 1 / env.model.opt.timestep
     fps = min(fps, rate)
@@ -88,8 +88,8 @@ def record_motion(
         model=env.model,
         fps=fps,
         qpos=np.stack(moments)[chosen],
-        control_step=np.floor(chosen / rate / walker.period + 1e-9).astype(int),
-        seconds=walker.period * (len(walked.position) - 1),
+        control_step=np.floor(chosen / rate / runner.period + 1e-9).astype(int),
+        seconds=runner.period * (len(walked.position) - 1),
         distance=measured["distance"],
         speed=measured["speed"],
     )

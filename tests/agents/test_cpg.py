@@ -12,7 +12,7 @@ from tensordict import TensorDict
 
 from locomotion import compose, train
 from locomotion.agents.oscillators import OSCILLATORS, Oscillators, near_hinges
-from locomotion.evaluation import make_walker, measure, walk
+from locomotion.evaluation import make_runner, measure, walk
 from locomotion.options import ConfigError
 from locomotion.robots import load_robot, parse_body
 
@@ -77,7 +77,7 @@ def test_a_search_gets_better_and_its_best_weights_walk(tmp_path):
     with (tmp_path / "metrics.csv").open() as file:
         best = [float(row["best_reward"]) for row in csv.DictReader(file)]
     assert best == sorted(best) and best[-1] > best[0]
-    drawn, mean = (walk(make_walker(tmp_path, config), 5.0, sampled=how) for how in (True, False))
+    drawn, mean = (walk(make_runner(tmp_path, config), 5.0, sampled=how) for how in (True, False))
     assert torch.equal(drawn.position, mean.position)
     assert (measure(mean)["speed"] > 0).all()
 

@@ -33,7 +33,10 @@ pytestmark = pytest.mark.slow
         (["hydra/launcher=slurm", "+hydra.launcher.setup=[reboot]"], "setup=['reboot'] is fixed"),
         (["hydra/launcher=slurm", "hydra.launcher.partition='a\n#SBATCH'"], "must be a word of"),
         (["hydra/launcher=slurm", "hydra.launcher.qos='a b'"], "launcher.qos='a b' must be a word"),
-        (["hydra/launcher=slurm", "hydra.launcher.account='--wrap=x'"], "account='--wrap=x' must be"),
+        (
+            ["hydra/launcher=slurm", "hydra.launcher.account='--wrap=x'"],
+            "account='--wrap=x' must be",
+        ),
         (["hydra/launcher=slurm", "hydra.launcher.time=0"], "time=0 must be a whole number of at"),
         (["hydra/launcher=ray", "+hydra.launcher.address=x:1"], "launcher.address=x:1 is fixed"),
         (["hydra/launcher=ray", "hydra.launcher.cpus=0.5"], "cpus=0.5 must be a whole number of"),

@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 from locomotion import compose, evaluate, export, watch
 from locomotion.cli.composing import amended, parse
 from locomotion.config import typed_config
-from locomotion.evaluation import make_walker, measure, walk
+from locomotion.evaluation import make_runner, measure, walk
 from locomotion.evaluation.shipped import POLICIES, shipped
 from locomotion.physics.options import PhysicsConfig
 from locomotion.runs import read_config
@@ -77,8 +77,8 @@ def test_json_is_all_that_is_on_standard_output(command, tmp_path):
     saved.env.num_envs = 3
     saved.physics.friction = 0.8
     saved.disturbances = {"latency": 0.1}
-    walker = make_walker(POLICIES / "ant", typed_config(saved, learning=False))
-    speed = measure(walk(walker, 1.0))["speed"].mean().item()
+    runner = make_runner(POLICIES / "ant", typed_config(saved, learning=False))
+    speed = measure(walk(runner, 1.0))["speed"].mean().item()
     assert found["mean_action"]["speed"]["mean"] == pytest.approx(speed, abs=1e-9)
 
 

@@ -3,7 +3,7 @@ import torch
 
 from locomotion import compose
 from locomotion.config import typed_config
-from locomotion.evaluation import Walker
+from locomotion.evaluation import PolicyRunner
 from locomotion.evaluation.shipped import POLICIES
 from locomotion.runs import read_config
 from locomotion.training.build import make_env
@@ -25,13 +25,13 @@ class Scripted:
 
 @pytest.fixture
 def scripted():
-    """Makes a walker whose robots are moved by a sine, and the policy that moves them."""
+    """Makes a runner whose robots are moved by a sine, and the policy that moves them."""
 
-    def make(*overrides, amplitude=1.0, step=1.0, walker=Walker):
+    def make(*overrides, amplitude=1.0, step=1.0, runner=PolicyRunner):
         overrides = ("env.num_envs=3", "ppo.minibatch_size=1", "physics.threads=1", *overrides)
         env = make_env(compose(*overrides))
         policy = Scripted(amplitude, env.action_spec, step)
-        return walker(env, policy), policy
+        return runner(env, policy), policy
 
     return make
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from locomotion.evaluation import Walk, measure, summarise
+from locomotion.evaluation import Trajectory, measure, summarise
 
 LEVEL = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
 
@@ -20,7 +20,7 @@ def made_up(places, overturns=0.0, work=1.0, orientation=LEVEL):
     overturns = torch.as_tensor(overturns, dtype=torch.float64).expand(steps, 1)
     joules = torch.full((steps, 1), work)
     still = torch.zeros(1, dtype=torch.bool)
-    return Walk(0.25, position, orientation.expand(steps + 1, 1, 4), joules, overturns, still)
+    return Trajectory(0.25, position, orientation.expand(steps + 1, 1, 4), joules, overturns, still)
 
 
 def test_a_straight_line():

@@ -9,7 +9,7 @@ from torchrl.envs import ObservationNorm
 from locomotion import compose, train
 from locomotion.agents.architectures import MLP
 from locomotion.envs import LocomotionEnv
-from locomotion.evaluation import Controller, Walker, load_policy, make_walker, measure, walk
+from locomotion.evaluation import Controller, PolicyRunner, load_policy, make_runner, measure, walk
 from locomotion.options import ConfigError
 from locomotion.runs import RunError
 from locomotion.training.build import make_env
@@ -45,28 +45,28 @@ def runs(tmp_path_factory):
 def test_without_them_it_is_refused_by_name(part, runs):
     run, _ = runs[part]
     with pytest.raises(RunError) as refused:
-        make_walker(run, compose(*SMALL))
+        make_runner(run, compose(*SMALL))
     assert str(refused.value).startswith(f"{run} was trained with {part}=")
-    assert f"locomotion.evaluation.make_walker takes {part}" in str(refused.value)
+    assert f"locomotion.evaluation.make_runner takes {part}" in str(refused.value)
     assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize("part", PARTS)
 def test_with_them_it_walks(part, runs):
     run, passed = runs[part]
-    walker = make_walker(run, compose(*SMALL), **passed)
-    assert measure(walk(walker, 1.0))["speed"].isfinite().all()
+    runner = make_runner(run, compose(*SMALL), **passed)
+    assert measure(walk(runner, 1.0))["speed"].isfinite().all()
     if part == "transforms":  # they count
         env = make_env(compose(*SMALL))
-        bare = Walker(env, load_policy(run, compose(*SMALL), env))
+        bare = PolicyRunner(env, load_policy(run, compose(*SMALL), env))
         torch.manual_seed(0)
-        assert not torch.equal(walk(walker, 1.0).position, walk(bare, 1.0).position)
+        assert not torch.equal(walk(runner, 1.0).position, walk(bare, 1.0).position)
 
 
 def test_any_policy_walks_in_any_environment_around_the_robots():
     env = LocomotionEnv("gecko", 2)
     policy = TensorDictModule(nn.Linear(6, 6), ["hinge_position"], ["action"])
-    assert measure(walk(Walker(env, policy), 1.0))["distance"].shape == (2,)
+    assert measure(walk(PolicyRunner(env, policy), 1.0))["distance"].shape == (2,)
 
 
 def test_a_controller_has_no_transforms_of_somebodys_own(runs):

@@ -10,7 +10,7 @@ from locomotion import compose
 from locomotion.evaluation import (
     PERTURBATIONS,
     check_robustness,
-    make_walker,
+    make_runner,
     measure,
     perturbed,
     walk,
@@ -41,7 +41,7 @@ ROWS = [
 def test_each_row_is_a_walk_under_its_overrides(shipped_run):
     run, config = shipped_run("gecko", 4, self_collision=False)
     steps = []
-    nominal = measure(walk(make_walker(run, config), 1.0))["speed"]
+    nominal = measure(walk(make_runner(run, config), 1.0))["speed"]
     rows = list(check_robustness(run, config, 1.0, nominal, progress=lambda: steps.append(1)))
     assert len(steps) == 4 * len(PERTURBATIONS)
     assert [row.override for row in rows] == ROWS
@@ -63,7 +63,7 @@ def test_each_row_is_a_walk_under_its_overrides(shipped_run):
             value = {"true": True, "6.33897": HINGE_SPEED}.get(value) or float(value)
             task[group][name] = value
         folder, again = shipped_run("gecko", 4, task["disturbances"], **task["physics"])
-        again = make_walker(folder, dataclasses.replace(again, arena=task["arena"]))
+        again = make_runner(folder, dataclasses.replace(again, arena=task["arena"]))
         assert row.speed == measure(walk(again, 1.0))["speed"].mean().item()
 
 

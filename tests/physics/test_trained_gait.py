@@ -3,7 +3,7 @@
 import pytest
 
 from locomotion.config import typed_config
-from locomotion.evaluation import make_walker, measure, walk
+from locomotion.evaluation import make_runner, measure, walk
 from locomotion.evaluation.shipped import POLICIES
 from locomotion.runs import read_config
 
@@ -19,8 +19,8 @@ def speed():
         content["env"] |= {"num_envs": 64, "time_limit": None}
         content["disturbances"] = {}
         content["physics"].update(physics)
-        walker = make_walker(POLICIES / "gecko", typed_config(content, learning=False))
-        return measure(walk(walker, 15.0))["speed"].mean().item()
+        runner = make_runner(POLICIES / "gecko", typed_config(content, learning=False))
+        return measure(walk(runner, 15.0))["speed"].mean().item()
 
     return speed
 

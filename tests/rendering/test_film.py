@@ -9,7 +9,7 @@ from torch import nn
 from torchrl.envs import CatTensors, Compose, RewardSum, StepCounter, TransformedEnv
 
 from locomotion.envs import LocomotionEnv
-from locomotion.evaluation import Walker
+from locomotion.evaluation import PolicyRunner
 from locomotion.rendering import record_motion, write_film
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("drawing")]
@@ -61,7 +61,7 @@ def test_a_policy_of_ones_own_is_filmed_in_an_environment_of_ones_own(is_like, t
         TensorDictModule(lambda still, n: still + n.sin(), ["still", "step_count"], ["action"]),
     )
 
-    motion = record_motion(Walker(env, policy), seconds=1.5, fps=8)
+    motion = record_motion(PolicyRunner(env, policy), seconds=1.5, fps=8)
     files = write_film(motion, str(tmp_path / "own.mp4"), width=320, height=180)
 
     assert files == [tmp_path / "own.mp4", tmp_path / "own.webp"]
@@ -75,6 +75,6 @@ def test_a_policy_of_ones_own_is_filmed_in_an_environment_of_ones_own(is_like, t
 def test_a_film_leaves_the_model_of_the_environment_alone(tmp_path):
     env = LocomotionEnv("gecko", 1, physics={"threads": 1})
     before = env.model.vis.global_.offwidth, env.model.light_type.tolist()
-    motion = record_motion(Walker(env, env.rand_action), seconds=0.25, fps=4)
+    motion = record_motion(PolicyRunner(env, env.rand_action), seconds=0.25, fps=4)
     write_film(motion, tmp_path / "gait.gif", width=64, height=64)
     assert (env.model.vis.global_.offwidth, env.model.light_type.tolist()) == before

@@ -43,12 +43,12 @@ def test_a_script_can_draw_after_it_imported_mujoco(variables, python, tmp_path)
 import locomotion, mujoco
 from dm_control import composer
 from locomotion.envs import LocomotionEnv
-from locomotion.evaluation import Walker
+from locomotion.evaluation import PolicyRunner
 from locomotion.rendering import record_motion
 from locomotion.rendering.film import draw
 
 env = LocomotionEnv("gecko", 1)
-motion = record_motion(Walker(env, env.rand_action), seconds=0.25, fps=4)
+motion = record_motion(PolicyRunner(env, env.rand_action), seconds=0.25, fps=4)
 (picture,) = draw(motion, 64, 48)
 assert picture.shape == (48, 64, 3)
 assert picture.std() > 10

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from locomotion.envs import LocomotionEnv
-from locomotion.evaluation import Walker
+from locomotion.evaluation import PolicyRunner
 from locomotion.options import ConfigError
 from locomotion.rendering import show_live
 
@@ -35,30 +35,30 @@ class Window(contextlib.AbstractContextManager):
 
 
 @pytest.fixture
-def walker():
+def runner():
     env = LocomotionEnv("gecko", 2, physics={"threads": 1})
-    return Walker(env, env.rand_action)
+    return PolicyRunner(env, env.rand_action)
 
 
-def test_each_physics_step_is_shown_at_the_pace_of_the_clock(walker, monkeypatch):
+def test_each_physics_step_is_shown_at_the_pace_of_the_clock(runner, monkeypatch):
     window = Window()
     monkeypatch.setattr(mujoco.viewer, "launch_passive", window)
     began = time.perf_counter()
-    show_live(walker, seconds=0.75)
+    show_live(runner, seconds=0.75)
     assert time.perf_counter() - began > 0.7
     assert len(window.shown) == 75
-    np.testing.assert_array_equal(window.shown[-1], walker.base_env.physics.qpos[0])
+    np.testing.assert_array_equal(window.shown[-1], runner.base_env.physics.qpos[0])
     assert window.data.time == pytest.approx(0.75)
 
 
-def test_it_ends_when_the_window_is_closed(walker, monkeypatch):
+def test_it_ends_when_the_window_is_closed(runner, monkeypatch):
     window = Window(pictures=30)
     monkeypatch.setattr(mujoco.viewer, "launch_passive", window)
-    show_live(walker, seconds=60)
+    show_live(runner, seconds=60)
     assert len(window.shown) == 50  # to the end of the control step
 
 
-def test_a_viewer_that_does_not_open_is_said_in_mujocos_words(walker, monkeypatch):
+def test_a_viewer_that_does_not_open_is_said_in_mujocos_words(runner, monkeypatch):
     def refuse(*arguments, **options):
         raise RuntimeError(
             "`launch_passive` requires that\nthe Python script be run under mjpython"
@@ -66,4 +66,4 @@ def test_a_viewer_that_does_not_open_is_said_in_mujocos_words(walker, monkeypatc
 
     monkeypatch.setattr(mujoco.viewer, "launch_passive", refuse)
     with pytest.raises(ConfigError, match="live=true: `launch_passive` requires that the Python"):
-        show_live(walker, seconds=1)
+        show_live(runner, seconds=1)

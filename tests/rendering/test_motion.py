@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from locomotion.envs import LocomotionEnv
-from locomotion.evaluation import Walker, measure, walk
+from locomotion.evaluation import PolicyRunner, measure, walk
 from locomotion.rendering import record_motion
 
 
@@ -30,15 +30,15 @@ def swinging(env):
 
 @pytest.mark.parametrize("fps", [25, 10, 7])
 def test_pictures_are_the_moments_of_the_first_robot(fps, env):
-    motion = record_motion(Walker(env, swinging(env)), seconds=3, fps=fps)
+    motion = record_motion(PolicyRunner(env, swinging(env)), seconds=3, fps=fps)
     assert len(motion.qpos) == 3 * fps
     again = LocomotionEnv("gecko", 2, seed=0)
-    walker, moments = Walker(again, swinging(again)), []
-    walker.start()
+    runner, moments = PolicyRunner(again, swinging(again)), []
+    runner.start()
     moments.append(again.physics.qpos[0].clone())
     with again.after_substep(lambda physics: moments.append(physics.qpos[0].clone())):
         for _ in range(12):
-            walker.step(sampled=False)
+            runner.step(sampled=False)
     for picture, qpos in enumerate(motion.qpos):
         moment = int(picture * 100 / fps + 1e-9)  # of the physics' 100 a second
         np.testing.assert_array_equal(qpos, moments[moment])
@@ -46,7 +46,7 @@ def test_pictures_are_the_moments_of_the_first_robot(fps, env):
 
 
 def test_there_is_no_picture_between_two_physics_steps(env):
-    motion = record_motion(Walker(env, swinging(env)), seconds=0.5, fps=1000)
+    motion = record_motion(PolicyRunner(env, swinging(env)), seconds=0.5, fps=1000)
     assert (motion.fps, len(motion.qpos)) == (100, 50)
 
 
@@ -64,12 +64,12 @@ def circling(env):
 
 
 def test_its_speed_is_evaluates_over_the_same_time_also_in_a_circle(env):
-    motions = {s: record_motion(Walker(env, circling(env)), seconds=s) for s in (4, 8)}
+    motions = {s: record_motion(PolicyRunner(env, circling(env)), seconds=s) for s in (4, 8)}
     for seconds, motion in motions.items():
         again = LocomotionEnv("gecko", 2, seed=0)
         if seconds == 8:
-            Walker(again, circling(again)).start()  # the second episode of the environment
-        found = measure(walk(Walker(again, circling(again)), seconds))
+            PolicyRunner(again, circling(again)).start()  # the second episode of the environment
+        found = measure(walk(PolicyRunner(again, circling(again)), seconds))
         assert motion.seconds == seconds
         assert motion.distance == found["distance"][0].item()
         assert motion.speed == pytest.approx(found["speed"][0].item())
@@ -85,4 +85,4 @@ def test_a_simulation_that_diverged_has_no_speed(env):
     def policy(tensordict):
         return tensordict.set("action", torch.full(env.action_spec.shape, math.nan))
 
-    assert math.isnan(record_motion(Walker(env, policy), seconds=1).speed)
+    assert math.isnan(record_motion(PolicyRunner(env, policy), seconds=1).speed)

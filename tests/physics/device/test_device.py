@@ -11,7 +11,7 @@ from locomotion import compose, train
 from locomotion.config import typed_config
 from locomotion.envs import LocomotionEnv
 from locomotion.evaluate import evaluate
-from locomotion.evaluation import make_walker
+from locomotion.evaluation import make_runner
 from locomotion.evaluation.options import EvaluateConfig
 from locomotion.evaluation.shipped import POLICIES
 from locomotion.options import readings
@@ -124,7 +124,7 @@ def test_a_policy_is_measured_and_filmed_on_the_device(elsewhere, capsys):
     options = EvaluateConfig(seconds=1.0, reality_check=False, json=True)
     evaluate(POLICIES / "gecko", config, options)
     assert 0 < json.loads(capsys.readouterr().out)["mean_action"]["speed"]["mean"] < 2
-    motion = record_motion(make_walker(POLICIES / "gecko", config), seconds=1.0, fps=10)
+    motion = record_motion(make_runner(POLICIES / "gecko", config), seconds=1.0, fps=10)
     assert motion.qpos.shape == (10, motion.model.nq) and motion.speed > 0
 
 

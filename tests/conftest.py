@@ -19,13 +19,21 @@ _slow = pytest.mark.slow  # Warp compiles kernels when it is first used on a mac
 _no_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU here")
 
 
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if "drawing" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.graphics)
+
+
 @pytest.fixture(
     scope="session",
     params=[
         pytest.param({"backend": "threaded", "threads": 2}, id="threaded"),
         pytest.param({"backend": "warp", "device": "cpu"}, id="warp", marks=[_no_warp, _slow]),
         pytest.param(
-            {"backend": "warp", "device": "cuda:0"}, id="gpu", marks=[_no_warp, _no_gpu, _slow]
+            {"backend": "warp", "device": "cuda:0"},
+            id="gpu",
+            marks=[_no_warp, _no_gpu, _slow, pytest.mark.gpu],
         ),
     ],
 )

@@ -7,7 +7,10 @@ from locomotion import compose
 from locomotion.training.build import make_collector, make_env, make_learner
 
 pytest.importorskip("warp", reason="needs packages: pip install -e '.[warp]'")
-pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU here")
+pytestmark = [
+    pytest.mark.gpu,
+    pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU here"),
+]
 
 
 def test_a_captured_gradient_step_is_the_one_that_it_captured():

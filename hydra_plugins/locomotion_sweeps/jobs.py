@@ -24,6 +24,9 @@ from tqdm import tqdm
 #: A job: its number, and its overrides.
 Job = tuple[int, Sequence[str]]
 
+#: Exit status of a job that was asked to stop.
+STOPPED = 130
+
 
 class Outcome(NamedTuple):
     """The end of a job.
@@ -181,7 +184,7 @@ def work(common: bytes, number: int, overrides: Sequence[str], errors: bool = Fa
         try:
             value, status = _run(common, number, overrides), 0
         except KeyboardInterrupt:  # before the job itself could be asked to stop
-            value, status = None, 130
+            value, status = None, STOPPED
         except SystemExit as ended:
             value, status = (
                 None,

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import cloudpickle
 
-from hydra_plugins.locomotion_sweeps.jobs import Job, JobLauncher, Outcome, Progress, work
+from hydra_plugins.locomotion_sweeps.jobs import STOPPED, Job, JobLauncher, Outcome, Progress, work
 
 #: What a process is asked to stop with.
 _STOPPING = {signal.SIGINT, signal.SIGTERM}
@@ -142,7 +142,7 @@ def _work(common: bytes, number: int, overrides: list[str], result: connection.C
         threading.Thread(target=_stop_with_launcher, daemon=True).start()
         result.send_bytes(cloudpickle.dumps(work(common, number, overrides)))
     except KeyboardInterrupt:
-        sys.exit(130)
+        sys.exit(STOPPED)
 
 
 def _stop_with_launcher() -> None:

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from hydra_plugins.locomotion_sweeps.jobs import Job, JobLauncher, Outcome, Progress, work
+from hydra_plugins.locomotion_sweeps.jobs import STOPPED, Job, JobLauncher, Outcome, Progress, work
 from hydra_plugins.locomotion_sweeps.needs import fail, require_package
 
 #: What must be the same on all nodes for runs to be.
@@ -53,7 +53,8 @@ class RayLauncher(JobLauncher):
         with _cluster(ray):
             _require_room(ray, self._needs)
             _require_same_versions(ray)
-            board = ray.remote(num_cpus=0)(Board).remote()
+            # Where this process is, so that no other node takes it along when it dies.
+            board = _on(ray, ray.get_runtime_context().get_node_id(), Board).remote()
             task = ray.remote(max_calls=1, max_retries=self._retries, **self._needs)(attempt)
             packed = ray.put(common)
             running = {task.remote(board, packed, *job): job[0] for job in jobs}
@@ -111,12 +112,20 @@ def attempt(board: Any, common: bytes, number: int, overrides: Sequence[str]) ->
     return outcome
 
 
+def _on(ray: Any, node: str, work: Any) -> Any:
+    """A task or an actor that runs on a node or not at all, and takes no core of it."""
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+    place = NodeAffinitySchedulingStrategy(node, soft=False)
+    return ray.remote(num_cpus=0, scheduling_strategy=place)(work)
+
+
 def _outcome(ray: Any, ended: Any) -> Outcome:
     """The outcome of a task that is over."""
     try:
         return ray.get(ended)
     except ray.exceptions.TaskCancelledError:
-        return Outcome(130)
+        return Outcome(STOPPED)
     except ray.exceptions.RayError as error:
         return Outcome(1, reason=f"was lost ({type(error).__name__})")
 
@@ -168,13 +177,9 @@ def versions() -> dict[str, str]:
 
 def _require_same_versions(ray: Any) -> None:
     """Ends if a node has other versions than this process."""
-    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
-
     own = versions()
     asked = {
-        node["NodeManagerHostname"]: ray.remote(num_cpus=0)(versions)
-        .options(scheduling_strategy=NodeAffinitySchedulingStrategy(node["NodeID"], soft=False))
-        .remote()
+        node["NodeManagerHostname"]: _on(ray, node["NodeID"], versions).remote()
         for node in ray.nodes()
         if node["Alive"]
     }

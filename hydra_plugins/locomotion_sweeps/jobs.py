@@ -7,8 +7,9 @@ import io
 import os
 import signal
 import sys
+import time
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -26,6 +27,10 @@ Job = tuple[int, Sequence[str]]
 
 #: Exit status of a job that was asked to stop.
 STOPPED = 130
+#: Exit status of a job that cannot be run as it is.
+REFUSED = 2
+#: Time in which a job that was lost must have let go of its folder (s).
+_PATIENCE = 60
 
 
 class Outcome(NamedTuple):
@@ -167,7 +172,13 @@ def composed(
     return job
 
 
-def work(common: bytes, number: int, overrides: Sequence[str], errors: bool = False) -> Outcome:
+def work(
+    common: bytes,
+    number: int,
+    overrides: Sequence[str],
+    errors: bool = False,
+    restarted: Callable[[], bool] = bool,
+) -> Outcome:
     """Runs a job in this process, whose main thread calls it. SIGINT and SIGTERM stop it, once it is saved.
 
     Args:
@@ -175,8 +186,19 @@ def work(common: bytes, number: int, overrides: Sequence[str], errors: bool = Fa
         number: of the job.
         overrides: of the job.
         errors: whether what it prints on standard error is part of its output too.
+        restarted: says whether it was lost with its node. What is left of it may hold its folder a while longer,
+            so a job that is refused tries again.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    deadline = time.monotonic() + _PATIENCE
+    while (outcome := _attempt(common, number, overrides, errors)).status == REFUSED:
+        if not restarted() or time.monotonic() > deadline:
+            break
+        time.sleep(1)
+    return outcome
+
+
+def _attempt(common: bytes, number: int, overrides: Sequence[str], errors: bool) -> Outcome:
     output = io.StringIO()
     with contextlib.redirect_stdout(output), contextlib.ExitStack() as also:
         if errors:

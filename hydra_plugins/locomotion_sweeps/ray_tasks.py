@@ -85,9 +85,10 @@ class Board:
         self._starts: Counter[int] = Counter()
         self._ends: set[int] = set()
 
-    def start(self, number: int) -> None:
-        """Notes that an attempt of a job begins."""
+    def start(self, number: int) -> int:
+        """Notes that an attempt of a job begins, and returns how many there were before."""
         self._starts[number] += 1
+        return self._starts[number] - 1
 
     def end(self, number: int) -> None:
         """Notes that a job has ended by itself."""
@@ -102,12 +103,12 @@ def attempt(board: Any, common: bytes, number: int, overrides: Sequence[str]) ->
     """Runs a job in a worker of its own; it returns how that ended, as an exit counts as a crash to Ray."""
     import ray
 
-    ray.get(board.start.remote(number))
+    before = board.start.remote(number)  # who waits for a result lends its core to another job
     cores = ray.get_runtime_context().get_assigned_resources().get("CPU", 1)
     os.environ["LOKY_MAX_CPU_COUNT"] = str(
         max(1, int(cores))
     )  # of which physics.threads=null takes all
-    outcome = work(common, number, overrides, errors=True)
+    outcome = work(common, number, overrides, errors=True, restarted=lambda: ray.get(before) > 0)
     ray.get(board.end.remote(number))
     return outcome
 

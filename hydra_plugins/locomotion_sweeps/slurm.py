@@ -160,7 +160,7 @@ class Attempt:
             signal.raise_signal(signal.SIGTERM)
 
         signal.signal(signal.SIGUSR2, save)
-        outcome = work(self._common, number, overrides, errors=True)
+        outcome = work(self._common, number, overrides, errors=True, restarted=lambda: starts > 0)
         signal.signal(signal.SIGUSR2, signal.SIG_IGN)
         if reached and outcome.status:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)

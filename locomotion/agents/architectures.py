@@ -65,6 +65,16 @@ class Network(Checked):
         return []
 
 
+def _gain() -> float:
+    """The key of networks whose first mean actions can be made small."""
+    return key(
+        "factor of the initial weights of the layer that gives mean actions; near 0 all of these begin near 0",
+        default=1.0,
+        least=0,
+        most=100,
+    )
+
+
 @networks.register("mlp")
 @dataclasses.dataclass
 class MLP(Network):
@@ -72,13 +82,21 @@ class MLP(Network):
 
     width: int = key("width of each observation's own layer", default=32, least=1, most=65_536)
     hidden: list[int] = key("widths of the layers that follow", default=[32], least=1, most=65_536)
+    initial_gain: float = _gain()
 
     def make_network(
         self, sizes: Mapping[NestedKey, int], out_features: int
     ) -> TensorDictModuleBase:
         from locomotion.agents.networks import ObservationModule
 
-        return ObservationModule(sizes, "loc", out_features, width=self.width, hidden=self.hidden)
+        return ObservationModule(
+            sizes,
+            "loc",
+            out_features,
+            width=self.width,
+            hidden=self.hidden,
+            gain=self.initial_gain,
+        )
 
     def make_critic(self, sizes: Mapping[NestedKey, int]) -> TensorDictModuleBase:
         from locomotion.agents.networks import StateValue
@@ -99,6 +117,7 @@ class GRU(Network):
     width: int = key("width of each observation's own layer", default=32, least=1, most=65_536)
     hidden_size: int = key("size of the GRU's memory", default=64, least=1, most=65_536)
     layers: int = key("layers of the GRU", default=1, least=1, most=100)
+    initial_gain: float = _gain()
 
     def make_network(
         self, sizes: Mapping[NestedKey, int], out_features: int
@@ -112,6 +131,7 @@ class GRU(Network):
             width=self.width,
             hidden_size=self.hidden_size,
             layers=self.layers,
+            gain=self.initial_gain,
         )
 
     def make_critic(self, sizes: Mapping[NestedKey, int]) -> TensorDictModuleBase:

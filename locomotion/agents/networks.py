@@ -32,6 +32,15 @@ RECURRENT_STATE = "recurrent_state"
 _FACTORY = {"dtype": torch.float32, "device": torch.device("cpu")}
 
 
+def make_head(in_features: int, out_features: int, gain: float = 1.0) -> nn.Linear:
+    """Makes a linear layer whose initial weights and biases are torch's times a factor."""
+    head = nn.Linear(in_features, out_features, **_FACTORY)
+    with torch.no_grad():
+        for parameter in head.parameters():
+            parameter.mul_(gain)
+    return head
+
+
 class ObservationNet(nn.Module):
     """Encodes every observation by itself, then all of them together, and reads a vector off.
 
@@ -43,6 +52,7 @@ class ObservationNet(nn.Module):
         out_features: length of the result.
         width: width of each observation's own layer.
         hidden: widths of the layers that follow.
+        gain: factor of the initial weights of the last layer.
     """
 
     def __init__(
@@ -51,6 +61,7 @@ class ObservationNet(nn.Module):
         out_features: int,
         width: int = 32,
         hidden: Sequence[int] = (32,),
+        gain: float = 1.0,
     ) -> None:
         super().__init__()
         self.encoders = nn.ModuleList(nn.Linear(size, width, **_FACTORY) for size in sizes)
@@ -58,7 +69,7 @@ class ObservationNet(nn.Module):
         self.joint = nn.ModuleList(
             nn.Linear(*pair, **_FACTORY) for pair in itertools.pairwise(widths)
         )
-        self.head = nn.Linear(widths[-1], out_features, **_FACTORY)
+        self.head = make_head(widths[-1], out_features, gain)
 
     def forward(self, observations: Sequence[torch.Tensor]) -> torch.Tensor:
         """Maps observations of shape ``(*batch, size)`` to ``(*batch, out_features)``."""
@@ -79,7 +90,7 @@ class ObservationModule(TensorDictModuleBase):
         sizes: length of each entry that is read, by key.
         out_key: the entry that is written, shape ``(*batch, out_features)``.
         out_features: its length.
-        options: width and hidden layers of the network.
+        options: width, hidden layers and gain of the network.
     """
 
     def __init__(
@@ -217,12 +228,13 @@ def recurrent_network(
     width: int,
     hidden_size: int,
     layers: int,
+    gain: float = 1.0,
 ) -> TensorDictSequential:
     """A linear layer for each observation, a GRU over time, and a linear layer.
 
     Reads the entry ``recurrent_state`` and writes ``("next", "recurrent_state")``, each of shape
     ``(*batch, layers, hidden_size)``; needs ``is_init``, as
-    :class:`EpisodeStart` writes it.
+    :class:`EpisodeStart` writes it. The weights of the last layer begin as torch's times ``gain``.
     """
     encoder = ObservationModule(sizes, "embedding", hidden_size, width=width, hidden=())
     gru = nn.GRU(hidden_size, hidden_size, layers, batch_first=True, **_FACTORY)
@@ -231,7 +243,6 @@ def recurrent_network(
         in_keys=["embedding", RECURRENT_STATE],
         out_keys=["features", ("next", RECURRENT_STATE)],
     )
-    linear = nn.Linear(hidden_size, out_features, **_FACTORY)
-    head = TensorDictModule(linear, ["features"], [out_key])
+    head = TensorDictModule(make_head(hidden_size, out_features, gain), ["features"], [out_key])
     parts = TensorDictSequential(encoder, memory, head)
     return parts.select_out_keys(out_key, ("next", RECURRENT_STATE))

@@ -62,6 +62,23 @@ def test_options_shape_actor_and_critic():
     torch.testing.assert_close(actor(OBSERVATIONS.rand())["scale"], torch.full((4, 6), 0.3))
 
 
+@pytest.mark.parametrize("network", [MLP, GRU])
+def test_the_first_mean_actions_are_scaled_by_the_gain(network):
+    observations = OBSERVATIONS.rand()
+    locs = []
+    for gain in (1.0, 0.01, 0.0):
+        torch.manual_seed(0)
+        architecture = network(initial_gain=gain)
+        td = observations.clone()
+        if network is GRU:
+            memory = torch.zeros(4, architecture.layers, architecture.hidden_size)
+            td.update({"recurrent_state": memory, "is_init": torch.zeros(4, 1, dtype=torch.bool)})
+        locs.append(architecture.make_actor(SIZES, ACTION)(td)["loc"])
+    torch.testing.assert_close(locs[1], 0.01 * locs[0])
+    assert locs[0].abs().max() > 0.01
+    assert not locs[2].any()
+
+
 @pytest.fixture
 def both():
     """A Gaussian policy, and one with the same parameters put together from TorchRL's parts."""

@@ -88,6 +88,7 @@ def test_what_a_file_leaves_out_is_filled_up(group, part):
         "width": 32,
         "hidden": [32],
         "initial_deviation": 1.0,
+        "initial_gain": 1.0,
     }
 
 

@@ -23,7 +23,7 @@ pytestmark = [
     pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() != 0, reason="Slurm runs as root"),
 ]
 SEEDS = (0, 1, 2)
-LONG = ("ppo.iterations=150", "checkpoint_interval=1000")
+LONG = ("ppo.iterations=100", "checkpoint_interval=1000")
 
 
 @pytest.fixture(scope="module")

@@ -144,9 +144,9 @@ def test_a_run_that_needs_more_memory_than_there_is_says_so(configured, tmp_path
 
 
 def test_a_gecko_learns_within_seconds(tmp_path):
-    config = compose("+obs=history3", "+experiment=quick", "ppo.iterations=100")
+    config = compose("+obs=history3", "+experiment=quick", "ppo.iterations=60")
     result = train(config, tmp_path / "run")
     with (result.folder / "metrics.csv").open() as file:
         rewards = [float(row["mean_reward"]) for row in csv.DictReader(file)]
-    # Other seeds come to 0.12, chance is 0.02.
+    # Chance is 0.02.
     assert rewards[0] < 0.03 and max(rewards) > 0.08

@@ -10,6 +10,7 @@ import itertools
 import json
 import multiprocessing
 import os
+import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -52,7 +53,11 @@ def main() -> None:
     os.environ.setdefault("MUJOCO_GL", "disabled")
     started, about = time.perf_counter(), {**machine(), "load at the start": load()}
     with tempfile.TemporaryDirectory(prefix="scaling_") as folder:
-        cells = [measured(cell) for cell in tqdm(planned(arguments, Path(folder)), disable=None)]
+        cells = []
+        for cell in tqdm(planned(arguments, Path(folder)), disable=None):
+            cells.append(measured(cell))
+            # Shown at once, so that an interruption loses no line.
+            tqdm.write("  ".join(cells[-1].cells()), file=sys.stderr)
     about |= {"load at the end": load(), "seconds": f"{time.perf_counter() - started:.0f}"}
     print(*(f"{name}: {value}" for name, value in about.items()), sep="\n", end="\n\n")
     print(aligned([HEAD, *map(Cell.cells, cells)]), NOTES, sep="\n\n")

@@ -177,7 +177,7 @@ def work(
     number: int,
     overrides: Sequence[str],
     errors: bool = False,
-    restarted: Callable[[], bool] = bool,
+    restarted: Callable[[], bool] = lambda: False,
 ) -> Outcome:
     """Runs a job in this process, whose main thread calls it. SIGINT and SIGTERM stop it, once it is saved.
 

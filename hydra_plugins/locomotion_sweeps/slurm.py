@@ -183,12 +183,13 @@ def _follow(desk: Path, tasks: dict[int, str], progress: Progress) -> Iterator[t
             found = _read(desk / f"{number}.json")
             found = found if found.get("task") == task else {}
             retried[number] = found.get("restarts", 0)
-            state = None if states is None else states.get(task, "COMPLETED")
+            state = "UNKNOWN" if states is None else states.get(task, "COMPLETED")
+            over = state in _OVER
             # Slurm stops a job before it starts it again elsewhere; that is not its end.
-            if found.get("status", STOPPED) != STOPPED or ("status" in found and state in _OVER):
+            if "status" in found and (over or found["status"] != STOPPED):
                 told = {name: found[name] for name in Outcome._fields}
                 ended.append((number, Outcome(**told)))
-            elif state in _OVER:
+            elif over:
                 silent[number] += 1
                 if silent[number] > _PATIENCE:
                     words = f"was lost (Slurm says {state.lower().replace('_', ' ')})"

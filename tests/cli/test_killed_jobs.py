@@ -94,9 +94,14 @@ def test_a_sweep_with_a_killed_job_ends_with_1(sweep):
     assert all(again in line for line in err)
 
 
-def test_all_running_jobs_are_saved_when_the_sweep_is_stopped(sweep, tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_all_running_jobs_are_saved_when_the_sweep_is_stopped(number, sweep, tmp_path):
     running = sweep("hydra.sweep.dir=sweep", "seed=0,1,2", "checkpoint_interval=1000000")
-    os.killpg(running.process.pid, signal.SIGINT)  # as a terminal does at Ctrl-C
+    # A terminal sends Ctrl-C to the whole group, kill to one process.
+    if number == signal.SIGINT:
+        os.killpg(running.process.pid, number)
+    else:
+        running.process.send_signal(number)
     status, _, err = running.end()
     assert status == 130
     assert not any("Traceback" in line for line in err)

@@ -1,4 +1,4 @@
-"""What disturbs robots, against closed forms and MuJoCo's own stepping."""
+"""Disturbances of robots, against closed forms and MuJoCo's own stepping."""
 
 import itertools
 import math
@@ -227,7 +227,7 @@ def test_dry_friction_stops_a_hinge_that_nothing_drives(make):
 
 
 def followed(env, asked):
-    """What reaches the hinges of targets that are asked for."""
+    """Targets that reach the hinges, of those that are asked for."""
     env.reset()
     sent = []
     for target in asked:
@@ -305,7 +305,7 @@ def test_pushes_come_as_often_as_they_should_and_are_as_strong(make):
 
 @pytest.mark.parametrize("latency", [0.01, 0.05, 0.2])
 def test_sensors_tell_what_was(latency, make):
-    """What a robot without the disturbance read as many physics steps ago."""
+    """Readings of a robot without the disturbance, as many physics steps ago."""
     late, plain = make(sensor_latency=latency), make()
     late.reset(), plain.reset()
     past = []

@@ -89,7 +89,7 @@ class Slurm:
             )
 
     def says(self, *line):
-        """What one of Slurm's commands prints."""
+        """The output of one of Slurm's commands."""
         done = subprocess.run(line, env=self.variables, capture_output=True, text=True)
         return done.stdout
 

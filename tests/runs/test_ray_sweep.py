@@ -24,26 +24,22 @@ def cluster():
     ray = pytest.importorskip("ray", reason="needs packages: pip install -e '.[ray]'")
     from ray.cluster_utils import Cluster
 
-    # Ray is polite: next to other tests its workers would hardly get a turn.
-    variables = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    common = {"include_dashboard": False, "object_store_memory": 10**8}
-    nodes = Cluster(
-        initialize_head=True,
-        head_node_args={**common, "num_cpus": 0, "node_ip_address": "127.0.0.2"},
-    )
-    nodes.workers = [
-        nodes.add_node(num_cpus=1, node_ip_address=f"127.0.0.{3 + index}", **common)
-        for index in range(2)
-    ]
-    yield nodes
-    nodes.shutdown()
-    assert not ray.is_initialized()
-    for name, value in before.items():
-        del os.environ[name]
-        if value is not None:
-            os.environ[name] = value
+    with pytest.MonkeyPatch.context() as variables:
+        variables.setenv("RAY_USAGE_STATS_ENABLED", "0")
+        # Ray is polite: next to other tests its workers would hardly get a turn.
+        variables.setenv("RAY_worker_niceness", "0")
+        common = {"include_dashboard": False, "object_store_memory": 10**8}
+        nodes = Cluster(
+            initialize_head=True,
+            head_node_args={**common, "num_cpus": 0, "node_ip_address": "127.0.0.2"},
+        )
+        nodes.workers = [
+            nodes.add_node(num_cpus=1, node_ip_address=f"127.0.0.{3 + index}", **common)
+            for index in range(2)
+        ]
+        yield nodes
+        nodes.shutdown()
+        assert not ray.is_initialized()
 
 
 @pytest.fixture

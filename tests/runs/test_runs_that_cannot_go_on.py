@@ -17,10 +17,12 @@ from locomotion.training.build import make_learner
 pytestmark = pytest.mark.slow
 
 
-def test_a_full_disk_stops_the_run_and_leaves_what_was_there(outcome, whole, left_after, tmp_path):
-    done = 2
+@pytest.mark.parametrize(("done", "share"), [(2, 0.99), (0, 0.2)])
+def test_a_full_disk_stops_the_run_and_leaves_what_was_there(
+    outcome, whole, left_after, tmp_path, done, share
+):
     folder = left_after(tmp_path / "run", done)
-    room = int(0.99 * path_of(whole, 2).stat().st_size)  # for all files but a checkpoint
+    room = int(share * path_of(whole, 2).stat().st_size)  # for all files but a checkpoint
 
     def limit():
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a write then fails, as on a full disk

@@ -96,13 +96,14 @@ def test_whatever_happens_to_jobs_leaves_no_trace_in_the_results(
     slurm.says("scontrol", "update", f"nodename={node}", "state=down", "reason=test")
     slurm.says("scontrol", "update", f"nodename={node}", "state=resume")
     wait_until(lambda: left.poll() is not None or restarts(tmp_path).count(1) == 2, 200)
+    assert left.poll() is None
     left.kill()  # as when a terminal is lost
     assert "stopped after" not in left.communicate()[0]
     again = sweep(f"seed={seeds}")
     out, err = again.communicate(timeout=400)
     assert again.returncode == 0, err
     assert "jobs of this sweep are in the queue" in err
-    assert "m per action in the last ten iterations" in out
+    assert all(f"{folder}: " in out for folder in folders)
     for seed, folder in zip(SEEDS, folders):
         alone = train(configured(*LONG, f"seed={seed}"), tmp_path / f"alone{seed}")
         assert outcome(folder) == outcome(alone.folder)
